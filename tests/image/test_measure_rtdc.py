@@ -87,7 +87,7 @@ def test_sizes_that_a_file_declares_are_checked_before_it_is_read(path):
             {"shape": (3, 80, 160), "maxshape": (None, 80, 160)} | whole | {"chunks": (10**5, 80, 160)},
             r"expected chunks of at most 256 MiB, got \(100000, 80, 160\)",
         ),
-        ({"data": np.zeros((3, 80, 160))}, "expected grey pictures of all events, in one array, got <HDF5 dataset"),
+        ({"data": np.zeros((3, 80, 160))}, "expected grey pictures of all events, in one array of integers, got "),
         ({"data": np.zeros((3, 80, 80), np.uint8)}, "events/mask: expected masks of 80 x 80, got 160 x 80"),
         ({"data": h5py.SoftLink("/events/image")}, "expected .* got (nothing|a file that cannot be read as one)"),
     ):
@@ -130,6 +130,12 @@ def test_events_have_the_silhouette_of_a_picture(path, tmp_path):
         assert feet.distance.std() < 3.0 * outline.noise.scale
 
 
+def shorten(file, name, kind=None):
+    kept = file[name][:] if kind else file[name][:-1]
+    del file[name]
+    file[name] = kept.astype(kind or kept.dtype)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -137,6 +143,17 @@ def test_events_have_the_silhouette_of_a_picture(path, tmp_path):
         (lambda file: file.pop("events/mask"), "events/mask: expected pictures and masks, got nothing"),
         (lambda file: file.attrs.update({"imaging:pixel size": 0.68}), "pixel size: expected about the 0.68 um"),
         (lambda file: file.attrs.update({"setup:channel width": 30.0}), "half_width: expected half of the 30 um"),
+        (lambda file: file.attrs.update({"imaging:pixel size": 0.0}), "positive number of micrometres, got 0.0$"),
+        (
+            lambda file: file.attrs.update({"experiment:event count": 999}),
+            "image: expected those of all 999 events, got",
+        ),
+        (
+            lambda file: shorten(file, "events/mask"),
+            "events/mask: expected those of all 3 events, got 2; export the fi",
+        ),
+        (lambda file: shorten(file, "events/image"), "events/image: expected those of all 3 events, got 2"),
+        (lambda file: shorten(file, "events/image", float), "in one array of integers, got float64 of "),
     ],
 )
 def test_what_a_file_lacks_is_named(path, spoil, message):

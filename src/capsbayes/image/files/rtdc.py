@@ -82,9 +82,14 @@ class RtdcFile:
             rate = file.attrs.get("setup:flow rate")
             if rate is not None:
                 rate = _positive(rate, where, "setup:flow rate", "microlitres a second") * _MICROLITRE
-            count = min(len(file["events/image"]), len(file["events/mask"]))
-            if not count:
+            count, masks = len(file["events/image"]), len(file["events/mask"])
+            if not min(count, masks):
                 raise InputError(where, "events", "at least one event", "none")
+            stated = file.attrs.get("experiment:event count", count)
+            for name, number in (("events/image", count), ("events/mask", masks)):
+                if number != max(count, masks) or number != stated:
+                    expected = f"those of all {max(count, masks) if stated in (count, masks) else stated} events"
+                    raise InputError(where, name, expected, str(number), "export the file again")
         with path.open("rb") as raw:
             digest = hashlib.file_digest(raw, "sha256").hexdigest()
         return cls(path, count, pixel, width, digest, flash, rate)
@@ -113,7 +118,7 @@ def _opened(path: Path) -> Iterator[Any]:
 def _check_pictures(dataset: Any, where: str, name: str) -> None:
     """Refuse what are no pictures, or pictures too large for memory, by the sizes that the file declares."""
     if not hasattr(dataset, "shape") or len(dataset.shape) != 3 or dataset.dtype.kind not in "uib":
-        raise InputError(where, name, "grey pictures of all events, in one array", str(dataset)[:80])
+        raise InputError(where, name, "grey pictures of all events, in one array of integers", _kind(dataset))
     count, rows, columns = dataset.shape
     check_pixels(columns, rows, f"{where}: {name}", most=MOST_IN_FRAMES)
     if dataset.chunks is None:
@@ -127,11 +132,15 @@ def _check_pictures(dataset: Any, where: str, name: str) -> None:
         raise InputError(where, name, f"pictures of all {count} events", f"those of {held}")
 
 
+def _kind(dataset: Any) -> str:
+    return f"{dataset.dtype} of {_size(dataset.shape) or 'one'}" if hasattr(dataset, "dtype") else "a folder"
+
+
 def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape[::-1]))
 
 
 def _positive(value: object, where: str, key: str, unit: str = "micrometres") -> float:
     if not isinstance(value, (int, float, np.number)) or not (np.isfinite(value) and value > 0.0):
-        raise InputError(where, key, f"a positive number of {unit}", "nothing" if value is None else repr(value))
+        raise InputError(where, key, f"a positive number of {unit}", "nothing" if value is None else f"{value!s:.40}")
     return float(value)
