@@ -337,3 +337,13 @@ def test_points_that_could_be_misread_are_refused(tmp_path, text, words):
     with pytest.raises(InputError) as caught:
         ContourFile.read(tmp_path / "c.csv")
     assert words in str(caught.value)
+
+
+def test_a_unit_against_the_columns_is_refused(tmp_path):
+    (tmp_path / "c.csv").write_text("x_px,y_px\n1,2\n")
+    for unit in ("mm", "um"):
+        with pytest.raises(InputError, match=f"unit: expected px, which its columns state, got '{unit}'"):
+            ContourFile.read(tmp_path / "c.csv", unit)
+    (tmp_path / "c.csv").write_text("x,y\n1,2\n")
+    with pytest.raises(InputError, match="or the unit px or um, got none of them"):
+        ContourFile.read(tmp_path / "c.csv")

@@ -78,9 +78,12 @@ class ContourFile:
         stated, columns = next(((of, pair) for of, *pair in _HEADINGS if names.keys() >= set(pair)), (None, []))
         if not columns:
             raise InputError(where, "columns", "x_px, y_px or x_um, y_um", ", ".join(names.values()))
+        if stated and unit not in (None, stated):
+            raise InputError(where, "unit", f"{stated}, which its columns state", repr(unit))
         unit = stated or unit
         if unit not in UNITS:
-            raise InputError(where, "unit", "columns x_px, y_px or x_um, y_um, or the unit px or um", repr(unit))
+            expected = "columns x_px, y_px or x_um, y_um, or the unit px or um"
+            raise InputError(where, "unit", expected, "none of them" if unit is None else repr(unit))
         points = finite_numbers(table, [names[column] for column in columns], where)
         return cls(_checked(points, where), unit, where, sha256)
 
