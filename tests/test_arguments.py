@@ -62,6 +62,16 @@ def test_a_model_is_given_by_its_name(model):
             lambda m: cb.identify_membrane([SEEN, 1], CHANNEL, seed=1),
             "measurements: expected a sequence of Measurement, got",
         ),
+        (lambda m: cb.identify(SEEN, cb.Surrogate, CHANNEL, seed=1), "got the class Surrogate"),
+        (lambda m: cb.identify(CHANNEL, m, SEEN, seed=1), "measurement: expected a Measurement, got an Experiment"),
+        (lambda m: cb.identify_folder([SEEN], m, CHANNEL, out="o.nc", seed=1), "a path or a DataFrame, got one of the"),
+        (lambda m: cb.diagnose([SEEN], m, seed=1), "diagnose: session: expected a Session, a Population or a path"),
+        (
+            lambda m: cb.Measurement.read(["a.toml"]),
+            "['a.toml']: expected the path of a file, got one of the type list",
+        ),
+        (lambda m: cb.Surrogate("square-neo-hookean"), "Surrogate: database: expected a Database, got 'square-neo"),
+        (lambda m: cb.Quantity("25 um"), "value: expected a number, got '25 um'; Quantity.of reads texts"),
         (lambda m: cb.measure("x.png", "experiment.toml"), "measure: experiment: expected an Experiment, got"),
         (lambda m: cb.measure_film("x.avi", m), "measure_film: experiment: expected an Experiment, got a Surrogate"),
         (lambda m: cb.diagnose(m, "x.nc", seed="1"), "diagnose: seed: expected a whole number, got '1'"),
@@ -80,6 +90,14 @@ def test_a_mistake_is_one_line(model, call, message):
         call(model)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_wrong_keyword_is_named_with_the_right_ones(model):
+    with pytest.raises(TypeError, match=r"identify: got an unexpected keyword argument 'sead'; it takes .*, seed,"):
+        cb.identify(SEEN, model, CHANNEL, seed=1, sead=1)
+    with pytest.raises(InputError) as refused:
+        cb.identify(SEEN, model, CHANNEL, seed=1, membrane="unknown")
+    assert str(refused.value).endswith("got 'unknown'")  # which is no file that could be read
 
 
 def test_every_public_function_checks_its_arguments():

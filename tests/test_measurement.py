@@ -108,6 +108,15 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
         {"length_correlation": np.nan},
         {"axial_length": 2.2},
         {"flow_rate": -1e-11},
+        {"flow_rate": "0.5 .. 0.9 uL/min"},
+        {"axial_length_bound": True},
+        {"axial_extent": True},
+        {"length_correlation": True},
+        {"status": "DONE"},
+        {"outline": "x.csv"},
+        {"conditions": ["half_width"]},
+        {"conditions": {"half_width": 25.0}},
+        {"conditions": {"width": 25e-6}},
     ],
 )
 def test_values_that_cannot_be_are_refused(changes):

@@ -36,7 +36,10 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def call(*arguments: P.args, **options: P.kwargs) -> T:
-        bound = signature.bind(*arguments, **options)
+        try:
+            bound = signature.bind(*arguments, **options)
+        except TypeError as error:
+            raise TypeError(f"{function.__name__}: {error}; it takes {', '.join(signature.parameters)}") from None
         models = []
         for key, value in bound.arguments.items():
             kinds = _kinds(function, key)
@@ -103,10 +106,18 @@ def _words(kinds: tuple[Any, ...], value: object) -> tuple[str, str, str]:
     """Return what was expected, what was given, and what to do."""
     names = ["None" if kind is types.NoneType else _name(kind) for kind in kinds]
     readable = [kind.__name__ for kind in _classes(kinds) if hasattr(kind, "read")]
-    named = bool(readable) and isinstance(value, (str, Path))
+    named = bool(readable) and isinstance(value, (str, Path)) and bool(Path(value).suffix)
     advice = f"read the file first: {readable[0]}.read({str(value)!r})" if named else ""
     short = isinstance(value, (str, Path, numbers.Number)) or value is None
-    return " or ".join(names), repr(value)[:60] if short else f"a {type(value).__name__}", advice
+    return " or ".join(names), repr(value)[:60] if short else _got(value), advice
+
+
+def _got(value: object) -> str:
+    return f"the class {value.__name__}" if isinstance(value, type) else _with_article(type(value))
+
+
+def _with_article(kind: type) -> str:
+    return f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}"
 
 
 def _name(kind: Any) -> str:
@@ -119,5 +130,5 @@ def _name(kind: Any) -> str:
     if get_origin(kind) is Sequence:
         return f"a sequence of {get_args(kind)[0].__name__}"
     plain = get_origin(kind) or kind
-    name = f"{'an' if plain.__name__[0] in 'AEIO' else 'a'} {plain.__name__}"
+    name = _with_article(plain)
     return f'{name} or its name, as "square-neo-hookean"' if issubclass(plain, ForwardModel) else name

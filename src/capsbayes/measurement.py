@@ -15,12 +15,12 @@ from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, Reader, file_name, quantity, unread
 from capsbayes.files.output_file import together, write_file
 from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, check_placed
-from capsbayes.parameters import PARAMETERS, STATED
+from capsbayes.parameters import STATED
 from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 
-_NUMBERS = (int, float, np.floating, np.integer)
+_FLOW_RATE = STATED["flow_rate"].example
 
 CONDITIONS = ("half_width", "viscosity")
 """Conditions of an experiment that may differ from capsule to capsule of a set."""
@@ -112,9 +112,12 @@ class Measurement(Readable):
     doubt: str = ""
 
     def __post_init__(self) -> None:
+        where = self.source or "measurement"
+        for key, kind in (("status", Status), ("outline", MeasuredOutline | None), ("conditions", Mapping)):
+            if not isinstance(given := getattr(self, key), kind):
+                raise InputError(where, key, getattr(kind, "__name__", str(kind)), repr(given)[:60])
         if not self.status.ok:
             return
-        where = self.source or "measurement"
         if (unit := self._split(where, "axial_extent", ("", "m"))) is not None:
             object.__setattr__(self, "over_half_width", not unit)
         self._split(where, "axial_length", ("",) if self.over_half_width else ("m",))
@@ -123,13 +126,15 @@ class Measurement(Readable):
             self._check_pair(where, key)
         if self.flow_rate is not None:
             rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
+            if rate.shape != "normal":
+                raise InputError(where, "flow_rate", f'a standard error, as in "{_FLOW_RATE}"', str(self.flow_rate))
             error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
             if not 0.0 <= error <= rate.value:
                 raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
             object.__setattr__(self, "flow_rate", rate.value)
             object.__setattr__(self, "flow_rate_error", error)
         bound = self.axial_length_bound
-        if bound is not None and not (isinstance(bound, (int, float)) and np.isfinite(bound) and bound > 0.0):
+        if bound is not None and not (_is_number(bound) and np.isfinite(bound) and bound > 0.0):
             raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
         if self.axial_length is not None and self.axial_length > self.axial_extent:
             raise InputError(
@@ -137,26 +142,22 @@ class Measurement(Readable):
             )
         if self.outline is not None and not self.over_half_width:
             raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
-        read = {
-            key: _apart(value, where, key, (PARAMETERS[key].si,))
-            for key, value in self.conditions.items()
-            if key in CONDITIONS
-        }
-        object.__setattr__(self, "conditions", {**self.conditions, **read})
-        for key, value in self.conditions.items():
-            if key not in CONDITIONS or not (np.isfinite(value) and value > 0.0):
-                raise InputError(where, key, f"a positive number, of {' or '.join(CONDITIONS)}", repr(value))
-        if not (isinstance(self.length_correlation, (int, float)) and -1.0 < self.length_correlation < 1.0):
+        for key in self.conditions:
+            if key not in CONDITIONS:
+                raise InputError(where, "conditions", " or ".join(CONDITIONS), repr(key))
+        read = {key: Quantity.of(value, key, where=where).value for key, value in self.conditions.items()}
+        object.__setattr__(self, "conditions", read)
+        if not (_is_number(self.length_correlation) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 
     def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
         """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
         given, error = getattr(self, key), getattr(self, f"{key}_error")
-        if given is None or isinstance(given, _NUMBERS):
+        if given is None or _is_number(given):
             bare = units if key == "capsule_velocity" else ("",) if self.over_half_width else ("m",)
             object.__setattr__(self, f"{key}_error", _apart(error, where, f"{key}_error", bare))
             return None
-        apart = error is not None and not isinstance(error, _NUMBERS)  # a bare number beside a unit could be in either
+        apart = error is not None and not _is_number(error)  # a bare number beside a unit could be in either
         found = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
         stated = _apart(error, where, f"{key}_error", (found.unit,)) if apart else found.error
         if apart and found.error:
@@ -349,6 +350,10 @@ class Measurement(Readable):
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
 
 
+def _is_number(given: object) -> bool:
+    return isinstance(given, (int, float, np.floating, np.integer)) and not isinstance(given, bool)
+
+
 def _measured(*units: str) -> Reader:
     """Return a reader of measured quantities, which refuses one without an error: nothing would follow from it."""
 
@@ -364,7 +369,7 @@ def _measured(*units: str) -> Reader:
 
 def _apart(given: Given, where: str, key: str, units: tuple[str, ...]) -> Any:
     """Return a number that is stated apart from another in SI; what is a number or missing as it is."""
-    if given is None or isinstance(given, _NUMBERS):
+    if given is None or _is_number(given):
         return given
     return Quantity.of(given, where=where, key=key, units=units).value
 

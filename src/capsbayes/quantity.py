@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -71,6 +72,9 @@ class Quantity:
     arguments: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        for key in ("value", "error"):
+            if not isinstance(given := getattr(self, key), numbers.Real):
+                raise InputError("quantity", key, "a number", repr(given), "Quantity.of reads texts and other forms")
         if self.error < 0.0:
             raise InputError("quantity", "error", "a standard error that is not negative", f"{self.error:g}")
         if self.is_range:

@@ -77,6 +77,8 @@ def test_a_batch_of_pictures_refuses_the_velocity_of_one(folder):
     assert not (folder / "r.nc.parts").exists()
     exact = CliRunner().invoke(app, [*words, "--shared-velocity", "5 mm/s", "--out", str(folder / "r.nc")])
     assert str(exact.exception).startswith("--shared-velocity: expected a standard error")
+    between = CliRunner().invoke(app, [*words, "--flow-rate", "0.5 .. 0.9 uL/min", "--out", str(folder / "r.nc")])
+    assert str(between.exception).startswith("--flow-rate: expected a standard error, as in")
 
 
 def test_an_empty_channel_ends_with_its_status(folder):

@@ -399,7 +399,7 @@ def speeds_of(
         if name in found:
             raise InputError(option, "", "one velocity", "--velocity too")
         read = Quantity.read(text, where=option, key="", units=(unit,), example=example)
-        if read.error == 0.0:
+        if read.known or read.shape != "normal":
             raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
         found[name] = Quantity.of(read, name, where=option, key="")
     return found

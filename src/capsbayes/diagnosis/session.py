@@ -84,6 +84,9 @@ class Session:
             return given
         if isinstance(given, (str, Path)):
             return cls.read(given)
+        if not hasattr(given, "attributes"):
+            expected = "a Session, a Population or a path"
+            raise InputError("diagnose", "session", expected, f"one of the type {type(given).__name__}")
         stated = given.attributes["experiment"]
         half_width, viscosity = (Quantity(**stated[name]) for name in CONDITIONS)
         cross_section = stated.get("cross_section") or stated["section"]  # its name up to 0.1.0

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
+from capsbayes.errors import InputError
 from capsbayes.measured_outline import MID_PLANE, check_view
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
@@ -41,6 +42,9 @@ class PlaneSurrogate(ForwardModel):
 
     def __post_init__(self) -> None:
         view = check_view(self.view, "Surrogate", "view")
+        if not isinstance(self.database, Database):
+            advice = "open it first: Database.open(...)"
+            raise InputError("Surrogate", "database", "a Database", repr(self.database)[:60], advice)
         cases, attributes = self.database.converged, self.database.dataset.attrs
         branches = branches_of(self.database)
         scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
