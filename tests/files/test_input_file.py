@@ -39,15 +39,25 @@ def test_what_is_no_file_or_no_toml_is_said(tmp_path):
         InputFile.read(tmp_path / "nowhere.toml")
     with pytest.raises(InputError, match="expected a readable file"):
         InputFile.read(tmp_path)
+    with pytest.raises(InputError, match="an integer of more than 64 bits"):
+        InputFile.read(written(tmp_path, f"a = 1{400 * '0'}"))
     with pytest.raises(InputError, match=r"expected a TOML file, got .*line 1"):
         InputFile.read(written(tmp_path, "a = = 1"))
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="expected a TOML file"):
+    with pytest.raises(InputError, match="expected a text in UTF-8, UTF-16 or Windows-1252, got zero bytes"):
         InputFile.read(binary)
+    with pytest.raises(InputError, match=r"\['a'\]: expected the path of a file, got one of the type list"):
+        InputFile.read(["a"])
 
 
-@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "1" + 400 * "0", "1e61", "true", '"1"'])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_a_file_of_another_editor_is_read(tmp_path, encoding):
+    (tmp_path / "x.toml").write_bytes('width = "25.0 ± 0.2 µm"\r\n'.encode(encoding))
+    assert InputFile.read(tmp_path / "x.toml").content == {"width": "25.0 ± 0.2 µm"}
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "1" + 60 * "0" + "0.0", "1e61", "true", '"1"'])
 def test_a_number_is_finite(tmp_path, value):
     with pytest.raises(InputError, match=r"file.toml: correlation: expected a number from -1e\+60 to 1e\+60, got "):
         InputFile.read(written(tmp_path, f"correlation = {value}")).table(required={"correlation": number()})

@@ -49,6 +49,8 @@ FORMS = {
     "semicolons and decimal commas": text(";", ","),
     "semicolons and points": text(";"),
     "tabs and decimal commas": text("\t", ","),
+    "bars": text("|", ","),
+    "the first line of Excel": "sep=;\n" + text(";", ","),
     "UTF-16": text().encode("utf-16"),
     "UTF-16 without a mark, tabs, decimal commas": text("\t", ",").encode("utf-16-le"),
     "UTF-16, big end first, without a mark": text().encode("utf-16-be"),
@@ -90,7 +92,14 @@ def test_names_of_another_alphabet_and_missing_ones(tmp_path):
         (text().replace("axial_length_over_l", "axial_extent_over_l"), "expected one column of this name, got 2"),
         (text() + '"c7,1.5\n', "unexpected end of data"),
         (text().encode() + b"\x81\x8d", "a text in UTF-8, UTF-16 or Windows-1252"),
-        (text(";").replace(";", "|"), "axial_extent_over_l|"),
+        (
+            "Experiment of 12 May, square channel\n" + text(),
+            "expected 2 cells, got 7, separated by ','; start with the names",
+        ),
+        ("," + text().replace("\n", "\n,").removesuffix(","), "got a nameless column"),
+        (text().replace("name,", "name [%],", 1), "name [%]: expected one of the columns"),
+        (text().replace("capsule_velocity_m_per_s", "capsule_velocity [mm/s +/- 1%]"), "got 'mm/s +/- 1%'"),
+        (text().replace("axial_length_over_l", "length_correlation [%]"), "got a per cent in '1 %'"),
     ],
 )
 def test_a_table_that_could_be_misread_is_refused(tmp_path, content, message):
@@ -118,6 +127,8 @@ def summary(label, function=np.mean):
         ([summary("Mittelwert (n = 6)")], "got 'Mittelwert (n = 6)', a row of a spreadsheet's summary"),
         ([summary("moyenne"), summary("écart-type", np.std)], "got 'moyenne', a row of a spreadsheet's summary"),
         ([summary("S.D.", np.std)], "got 'S.D.', a row of a spreadsheet's summary"),
+        ([summary("Grand mean")], "got 'Grand mean', a row of a spreadsheet's summary"),
+        ([summary("standard deviation", np.std)], "got 'standard deviation', a row of a spreadsheet's summary"),
         ([summary(None)], "got the mean of the rows above"),
         ([summary("x7", np.median)], "got the median of the rows above"),
         ([[None] * 7, [None, 1.6, 0.01, 5e-3, 5e-5, None, None]], "got one without a name below a blank row"),
@@ -184,3 +195,34 @@ def test_without_its_reader_a_sheet_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
     with pytest.raises(InputError, match=r"pip install 'capsbayes\[xlsx\]', or save the table as .csv"):
         MeasuredLengths.read(tmp_path / "t.xlsx")
+
+
+def test_the_mean_of_capsules_with_one_error_is_no_capsule(tmp_path):
+    rows = [[cell if column != 2 else 0.014 for column, cell in enumerate(row)] for row in ROWS[1:]]
+    mean = [None, *(float(np.mean([row[column] for row in rows if row[column]])) for column in range(1, 7))]
+    found = read(tmp_path, text(rows=[ROWS[0], *rows, mean]))
+    assert found.refusals[:-1].tolist() == [""] * 6
+    assert found.refusals[-1] == "name: expected a capsule, got the mean of the rows above"
+
+
+def test_a_per_cent_of_a_spreadsheet_is_no_number_of_its_column(tmp_path):
+    def in_per_cent(made):
+        made.active["E2"] = 0.01
+        made.active["E2"].number_format = "0%"
+
+    found = book(tmp_path, ROWS, in_per_cent)
+    assert found.refusals[0] == "capsule_velocity_error_m_per_s: expected a number, got '1%'"
+    assert set(found.refusals[1:]) == {""}
+
+
+def test_cells_with_errors_under_a_unit(tmp_path):
+    head = "axial_extent,capsule_velocity [mm/s],viscosity [Pa s]\n"
+    rows = "2.14 ± 0.01,6.20 ± 1%,0.8\n53.5 ± 0.3 um,6.20 ± 0.06,0.8\n2.14 ± 0.01,6.20 ± 0.06,0.8 ± 0.02\n"
+    found = read(tmp_path, head + rows)
+    assert found.numbers["capsule_velocity"][0] == pytest.approx(6.2e-3)
+    assert found.numbers["capsule_velocity_error"][0] == pytest.approx(6.2e-5)
+    assert found.refusals.tolist() == [
+        "",
+        "axial_extent_over_l: expected a number, got '53.5 ± 0.3 um'",
+        "viscosity_pa_s: expected a number, got '0.8 ± 0.02'",
+    ]

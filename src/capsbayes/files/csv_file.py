@@ -18,7 +18,7 @@ import numpy as np
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.files.input_file import parsing, read_bytes
+from capsbayes.files.input_file import parsing, read_bytes, text_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,12 +27,19 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "no
 """Cells, in lower case, that state no number."""
 
 _RUN_BY_SPREADSHEETS = ("=", "+", "-", "@", "\t")
-_SEPARATORS = {"\t": "a tab", ";": "';'", ",": "','", " ": "blanks"}  # the first of them that the first line holds
+_SEPARATORS = {
+    "\t": "a tab",
+    ";": "';'",
+    "|": "'|'",
+    ",": "','",
+    " ": "blanks",
+}  # the first of them that the first line holds
+_OF_EXCEL = re.compile(r"\A\"?sep=.\"?\n", re.IGNORECASE)
 _WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
 _MOST_COLUMNS = 1000
 _LARGEST_BOOK = 2**28  # bytes of an .xlsx file that is unpacked
 _SUMMARIES = re.compile(
-    "means?|averages?|avg|median|sd|std|stdev|stddev|sem|variance|cv|rsd|sum|total|count|min|max|"
+    "means?|averages?|avg|median|sd|std|stdev|stddev|sem|se|stderr|standard|variance|cv|rsd|sum|total|count|min|max|"
     "mittel|mittelwerte?|durchschnitt|standardabweichung|stabw|summe|anzahl|"
     "moyenne|médiane|[ée]cart|somme|media|promedio|mediana|desviación|suma|ø"
 )
@@ -72,31 +79,13 @@ def read_columns(
     with parsing(where, f"a readable {noun}"):
         if Path(path).suffix.lower() == ".xlsx":
             return _frame(_sheet(raw, where), "", where, texts, unnamed)
-        text = _text(raw, where)
+        text = _OF_EXCEL.sub("\n", text_of(raw, where), count=1)  # a line more, so that lines keep their numbers
         first = re.sub(r'"[^"]*"', "", text.lstrip("\n").partition("\n")[0]).strip(" ")
         separator = next((mark for mark in _SEPARATORS if mark in first), ",")
         lines = text.split("\n") if separator == " " else ()
         file = io.StringIO("\n".join(line.strip() for line in lines) if lines else text)
         reader = csv.reader(file, delimiter=separator, skipinitialspace=True, strict=True)
         return _frame(((reader.line_num, cells) for cells in reader), separator, where, texts, unnamed)
-
-
-def _text(raw: bytes, where: str) -> str:
-    """Return the text of a file, each line ended as in Python."""
-    encodings = ["utf-8-sig", "cp1252"]
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encodings = ["utf-16"]
-    elif b"\0" in raw[:2]:
-        encodings = ["utf-16-be" if raw[:1] == b"\0" else "utf-16-le"]
-    for encoding in encodings:
-        try:
-            text = raw.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text.replace("\r\n", "\n").replace("\r", "\n")
-    got = "zero bytes" if b"\0" in raw else "other bytes"
-    raise InputError(where, "", "a text in UTF-8, UTF-16 or Windows-1252", got)
 
 
 def _sheet(raw: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
@@ -115,7 +104,7 @@ def _sheet(raw: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
         for formulas, values in zip(*(book.worksheets for book in books), strict=True):
             for sheet in (formulas, values):
                 sheet.reset_dimensions()  # a file may declare millions of cells that it does not hold
-            rows = [list(map(_cell_text, *both)) for both in zip(formulas.values, values.values, strict=True)]
+            rows = [list(map(_cell_text, *both)) for both in zip(formulas.values, values.rows, strict=True)]
             if any(map(any, rows)):
                 sheets[formulas.title] = rows
     if len(sheets) != 1:
@@ -125,8 +114,11 @@ def _sheet(raw: bytes, where: str) -> Iterator[tuple[int, list[str]]]:
     yield from ((line, cells + [""] * (width - len(cells))) for line, cells in enumerate(rows, start=1))
 
 
-def _cell_text(formula: Any, value: Any) -> str:
+def _cell_text(formula: Any, cell: Any) -> str:
     """Return the text of a cell of a sheet; one that states no number says why, to be refused with its row."""
+    value = cell.value
+    if isinstance(value, int | float) and "%" in cell.number_format:  # 1% is kept as 0.01
+        return f"{100 * value:g}%"
     if value is None:
         return "" if formula is None else f"{formula}, a formula without its value"
     return str(value) if isinstance(value, str | int | float) else f"{value}, a date"
@@ -153,13 +145,14 @@ def _frame(
     import pandas as pd
 
     marks: dict[str, str] = {}
-    number, rows = partial(_number, marks=marks, commas=separator in (";", "\t")), iter(rows)
+    number, rows = partial(_number, marks=marks, commas=separator in (";", "\t", "|")), iter(rows)
     first, names = next(((line, cells) for line, cells in rows if any(map(str.strip, cells))), (0, []))
     if unnamed and len(names) == len(unnamed) and None not in [number(name.strip(), first) for name in names]:
         rows, names = itertools.chain([(first, names)], rows), list(unnamed)
     names = _checked_names([name.strip() for name in names], where)
     columns: dict[str, list[Any]] = {name: [] for name in names}
-    lines, width = [], 0
+    lines: list[int] = []
+    width = 0
     for line, given in rows:
         cells = [cell.strip() for cell in given]
         if not any(cells):
@@ -172,6 +165,8 @@ def _frame(
             if len(cells) != width or width < len(names) or any(cells[len(names) :]):
                 got = f"{len(cells)}, separated by {_SEPARATORS[separator]}" if separator else f"{len(cells)}"
                 advice = "write decimal points, or separate by semicolons" if separator == "," else ""
+                if not lines and all(number(cell, line) is None for cell in cells):
+                    advice = "start with the names of the columns"
                 expected = f"{max(width, len(names)) if not any(cells[len(names) :]) else len(names)} cells"
                 raise InputError(f"{where}, line {line}", "", expected, got, advice)
         for (name, values), cell in zip(columns.items(), cells, strict=False):
@@ -257,11 +252,11 @@ def is_summary(name: object) -> bool:
 
     Examples
     --------
-    >>> [is_summary(name) for name in ("Mean (n = 12)", "std. dev.", "Mittelwert:", "capsule 7", "max-1")]
+    >>> [is_summary(name) for name in ("Mean (n = 12)", "grand mean", "Mittelwert:", "capsule 7", "max-1")]
     [True, True, True, False, False]
     """
     bare = re.sub(r"\(.*?\)|\bn\s*=\s*\d+", " ", str(name).casefold().replace(".", ""))
-    return not any(map(str.isdigit, bare)) and bool(_SUMMARIES.fullmatch(next(iter(re.findall(r"\w+", bare)), "")))
+    return not any(map(str.isdigit, bare)) and any(map(_SUMMARIES.fullmatch, re.findall(r"\w+", bare)))
 
 
 def safe_cell(text: str) -> str:

@@ -57,9 +57,9 @@ class InputFile:
         InputError
             If it is missing, unreadable or not TOML.
         """
-        path, raw = Path(path), read_bytes(path)
-        with parsing(str(path), "a TOML file"):  # not UTF-8, not TOML, or an integer of thousands of digits
-            content = tomllib.loads(raw.decode())
+        raw, path = read_bytes(path), Path(path)
+        with parsing(str(path), "a TOML file"):  # not TOML, or an integer of thousands of digits
+            content = tomllib.loads(text_of(raw, str(path)))
             _check_integers(content)
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
@@ -103,6 +103,29 @@ def read_bytes(path: str | Path, noun: str = "file") -> bytes:
         return Path(path).read_bytes()
 
 
+def text_of(raw: bytes, where: str) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or Windows-1252, each line ended as in Python.
+
+    Raises
+    ------
+    InputError
+    """
+    encodings = ["utf-8-sig", "cp1252"]
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ["utf-16"]
+    elif b"\0" in raw[:2]:
+        encodings = ["utf-16-be" if raw[:1] == b"\0" else "utf-16-le"]
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text.replace("\r\n", "\n").replace("\r", "\n")
+    got = "zero bytes" if b"\0" in raw else "other bytes"
+    raise InputError(where, "", "a text in UTF-8, UTF-16 or Windows-1252", got)
+
+
 def check_file(path: str | Path, noun: str = "file") -> None:
     """Refuse a path that names no file: reading a pipe or a device may never end.
 
@@ -110,6 +133,8 @@ def check_file(path: str | Path, noun: str = "file") -> None:
     ------
     InputError
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(repr(path)[:60], "", f"the path of a {noun}", f"one of the type {type(path).__name__}")
     try:
         mode = os.stat(path).st_mode
         if not stat.S_ISREG(mode):

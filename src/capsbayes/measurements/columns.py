@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _WITH_UNIT = re.compile(r"(?P<name>\w+)\s*[\[(](?P<unit>[^\])]*)[\])]")
+_STATES_ERROR = re.compile(r"±|\+\s?/?\s?-")
 _ERROR = "_error"
 
 
@@ -26,9 +27,9 @@ def usual_columns(frame: pd.DataFrame, headings: Mapping[str, str], source: str)
     Parameters
     ----------
     frame : DataFrame
-        ``capsule_velocity [mm/s]`` is a column of numbers in this unit; ``capsule_velocity`` one of numbers in SI (of
-        lengths, over l), of quantities of pint, or of texts as ``"4.86 +/- 0.04 mm/s"``, whose errors make a column of
-        their own.
+        ``capsule_velocity [mm/s]`` is a column of numbers, or of texts as ``"4.86 +/- 0.04"``, in this unit;
+        ``capsule_velocity`` one of numbers in SI (of lengths, over l), of quantities of pint, or of texts as
+        ``"4.86 +/- 0.04 mm/s"``. The errors of texts make a column of their own.
     headings : mapping of str
         Usual heading, which is that of SI, of each number by its name.
     source : str
@@ -46,7 +47,7 @@ def usual_columns(frame: pd.DataFrame, headings: Mapping[str, str], source: str)
         if name not in headings or (name == headings[name] and not found):
             made = {str(heading): values}
         elif found:
-            made = {headings[name]: _scaled(values, _factor(name, found["unit"], source, str(heading)))}
+            made = _of_cells(name, values, headings, *_factor(name, found["unit"], source, str(heading)))
         else:
             made = _of_cells(name, values, headings)
         for key, of in made.items():
@@ -56,53 +57,63 @@ def usual_columns(frame: pd.DataFrame, headings: Mapping[str, str], source: str)
     return type(frame)(columns)
 
 
-def _factor(name: str, unit: str, source: str, heading: str) -> float:
-    """Return what a number in a unit is in SI."""
+def _target(name: str) -> str:
+    """Return the SI unit of a number, empty for a ratio."""
     base = name.removesuffix(_ERROR)
-    target = PARAMETERS[base].si
-    wanted = f"a unit of {base.replace('_', ' ')}" + (f", as {target}" if target else ": none, as it is over l")
+    return PARAMETERS[base].si if base in PARAMETERS else ""
+
+
+def _factor(name: str, unit: str, source: str, heading: str) -> tuple[float, str]:
+    """Return what a number in a unit is in SI, and the unit."""
+    target = _target(name)
+    wanted = f"a unit of {name.removesuffix(_ERROR).replace('_', ' ')}" + (
+        f", as {target}" if target else f": none, as it is {'over l' if 'axial' in name else 'a ratio'}"
+    )
     if not unit.strip() or unit.strip() in ("l", "-"):
         if target:
             raise InputError(source, heading, wanted, repr(unit))
-        return 1.0
-    return parsed(f"1 {unit}", (target,), where=source, key=heading, wanted=wanted).first
+        return 1.0, ""
+    found = parsed(f"1 {unit}", (target,), where=source, key=heading, wanted=wanted)
+    if found.second or found.is_range:
+        raise InputError(source, heading, wanted, repr(unit))
+    return found.first, unit
 
 
-def _scaled(values: pd.Series, factor: float) -> Any:
-    """Return numbers times a factor; a cell that is no number stays as it is, to be refused with its row."""
-    import pandas as pd
-
-    numbers = pd.to_numeric(values, errors="coerce")
-    return (factor * numbers).astype(object).where(numbers.notna(), values)
-
-
-def _of_cells(name: str, values: pd.Series, headings: Mapping[str, str]) -> dict[str, Any]:
+def _of_cells(
+    name: str, values: pd.Series, headings: Mapping[str, str], factor: float = 1.0, unit: str = ""
+) -> dict[str, Any]:
     """Return the column of a number, and that of its errors if its cells state any."""
     import pandas as pd
 
     if pd.api.types.is_numeric_dtype(values.dtype) and values.dtype.kind in "fiu":
-        return {headings[name]: values}
-    cells = [_cell(value, name) for value in values]
+        return {headings[name]: factor * values}
+    cells = [_cell(value, name, factor, unit) for value in values]
+    if f"{name}{_ERROR}" not in headings:  # as of a viscosity, whose error is that of the experiment
+        cells = [(str(value), np.nan) if cell[1] > 0.0 else cell for value, cell in zip(values, cells, strict=True)]
     made = {headings[name]: pd.Series([cell[0] for cell in cells], index=values.index, dtype=object)}
     errors = np.array([cell[1] for cell in cells])
-    if np.any(errors > 0.0):
+    stated = any(isinstance(cell[0], str) and _STATES_ERROR.search(cell[0]) for cell in cells) or np.any(errors > 0.0)
+    if stated and f"{name}{_ERROR}" in headings:
         made[headings[f"{name}{_ERROR}"]] = pd.Series(errors, index=values.index)
     return made
 
 
-def _cell(value: Any, name: str) -> tuple[Any, float]:
-    """Return value and error of a cell in SI; one that cannot be read as it is, to be refused with its row."""
+def _cell(value: Any, name: str, factor: float, unit: str) -> tuple[Any, float]:
+    """Return value and error in SI of a cell, by its column's unit; one that cannot be read as it is, to be refused."""
     if (
         value is None
         or (isinstance(value, float) and np.isnan(value))
         or (isinstance(value, str) and not value.strip())
     ):
         return np.nan, np.nan
-    base = name.removesuffix(_ERROR)
+    target, text = _target(name), isinstance(value, str)
     try:
-        read = Quantity.of(value, units=(PARAMETERS[base].si,), where="table", key=name, signed=True)
+        read = Quantity.of(
+            f"{value} {unit}" if text and unit else value, units=(target,), where="table", key=name, signed=True
+        )
     except InputError:
         return str(value), np.nan
     if read.shape != "normal":
         return str(value), np.nan
-    return read.value, read.error if read.error else np.nan
+    scale = 1.0 if text else factor
+    return scale * read.value, scale * read.error if read.error else np.nan

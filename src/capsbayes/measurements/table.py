@@ -140,6 +140,8 @@ class MeasuredLengths:
         """
         import pandas as pd
 
+        if not isinstance(frame, pd.DataFrame):
+            raise InputError(source, "", "a path or a DataFrame", f"one of the type {type(frame).__name__}")
         frame = frame.rename(columns=lambda name: str(name).strip()).reset_index(drop=True)
         blank = blank_rows(frame)
         below = (np.cumsum(blank) > 0)[~blank]
@@ -179,14 +181,15 @@ class MeasuredLengths:
 
     def _without_summary(self) -> MeasuredLengths:
         """Refuse those of the last rows in which all numbers are the mean, the sum or the spread of the rows above."""
-        values, refusals = np.stack([self.numbers[name] for name in _NEEDED], axis=1), self.refusals.astype(object)
+        values, refusals = np.stack(list(self.numbers.values()), axis=1), self.refusals.astype(object)
+        rounded = np.array([0.1 if name.endswith("_error") else _ROUNDED for name in self.numbers])
         last = range(max(len(self) - _SUMMARY_ROWS, 0), len(self))
         above = values[: last.start][self.refusals[: last.start] == ""]
         for row in last:
-            varying = np.ptp(above, axis=0) > 0.0 if len(above) else np.zeros(len(_NEEDED), dtype=bool)
+            varying = np.isfinite(values[row]) & (np.ptp(above, axis=0) > 0.0 if len(above) else False)
             if refusals[row] == "" and len(above) > 2 and varying.sum() > 1:
                 for word, found in _STATISTICS.items():
-                    if np.allclose(values[row, varying], found(above[:, varying]), rtol=_ROUNDED, atol=0.0):
+                    if np.all((np.abs(values[row] - found(above)) <= rounded * np.abs(found(above)))[varying]):
                         refusals[row] = f"name: expected a capsule, got the {word} of the rows above"
             if refusals[row] == "":
                 above = np.concatenate([above, values[row : row + 1]])
@@ -364,7 +367,12 @@ def _check_columns(source: str, columns: list[str]) -> None:
     known = [header for headers in _HEADERS.values() for header in headers] + [*_PRIORS.values(), *_NAMES, *_IGNORED]
     for column in columns:
         if column not in known:
-            raise InputError(source, column, f"one of the columns {', '.join(known)}", "an unknown column")
+            raise InputError(
+                source,
+                column,
+                f"one of the columns {', '.join(known)}",
+                f"{'an unknown' if column else 'a nameless'} column",
+            )
     by_rate = any(header in columns for header in _HEADERS["flow_rate"])
     for name in _NEEDED if by_rate else (*_NEEDED, *_VELOCITY_PAIR):
         if not any(header in columns for header in _HEADERS[name]):
