@@ -28,6 +28,8 @@ POINT_ROWS = 7
 _BLOCK = POINT_ROWS * TILE
 
 _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
+_in_order = numba.njit(cache=True, error_model="numpy", nogil=True)
+"""Of sums over points: free to reorder them, LLVM does so where the arrays happen to lie far enough apart in memory."""
 
 
 class Elements(NamedTuple):
@@ -118,16 +120,15 @@ _ENTRY = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])  # row of the symmetric Stokeslet
 
 @_compiled
 def _add_turned(
-    x: Floats, points: Floats, base: int, weights: Floats, turn: Floats, total: Floats, sums: Floats, with_slope: bool
+    x: Floats, points: Floats, base: int, weights: Floats, turn: Floats, total: Floats, slopes: Floats, with_slope: bool
 ) -> None:
     """Add g times the kernels of a tile, seen from `x` and weighted by `weights` (64,), to the rows of `total`.
 
-    The entries (i, j) of the Stokeslet are in row 3 i + j, those of the derivative in row 9 + 3 i + j; `sums` (9,)
-    becomes the sum of the latter over the points, not rotated.
+    The entries (i, j) of the Stokeslet are in row 3 i + j, those of the derivative in row 9 + 3 i + j; the rows of
+    `slopes` become the latter at each point, not rotated.
     """
     x0, x1, x2 = x[0], x[1], x[2]
     a, b, c, d, e = turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2]
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = 0.0
     for q in range(64):
         p = base + q
         r0, r1, r2 = x0 - points[p], x1 - points[p + 64], x2 - points[p + 128]
@@ -153,19 +154,31 @@ def _add_turned(
             total[960 + q] += e * d20
             total[1024 + q] += e * d21
             total[1088 + q] += e * d22
-            s0 += d00
-            s1 += d01
-            s2 += d02
-            s3 += d10
-            s4 += d11
-            s5 += d12
-            s6 += d20
-            s7 += d21
-            s8 += d22
-    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], sums[6], sums[7], sums[8] = s0, s1, s2, s3, s4, s5, s6, s7, s8
+            slopes[q] = d00
+            slopes[64 + q] = d01
+            slopes[128 + q] = d02
+            slopes[192 + q] = d10
+            slopes[256 + q] = d11
+            slopes[320 + q] = d12
+            slopes[384 + q] = d20
+            slopes[448 + q] = d21
+            slopes[512 + q] = d22
 
 
-@_compiled
+@_in_order
+def _summed(rows: Floats, lanes: Floats, sums: Floats) -> None:
+    """Sum each of nine rows of 64 numbers, in the same order on every processor."""
+    for row in range(9):
+        lanes[:] = 0.0
+        for start in range(64 * row, 64 * (row + 1), 8):
+            for lane in range(8):
+                lanes[lane] += rows[start + lane]
+        sums[row] = 0.0
+        for lane in range(8):
+            sums[row] += lanes[lane]
+
+
+@_in_order
 def _add_to_target_slope(sums: Floats, turn: Floats, slope: Floats) -> None:
     """Add g S g^T for the sums S (9,)."""
     for i in range(3):
@@ -194,7 +207,7 @@ def _rules(x: Floats, node: int, image: Integers, elements: Elements, levels: Fl
 @_compiled
 def _add_coarse(
     tiles: Tiles, block: int, seen_from: Floats, rule: Integers, elements: Elements, weights: Floats, total: Floats,
-    sums: Floats, shape: Floats, target_slope: Floats, on_node: bool, with_slope: bool,
+    slopes: Floats, sums: Floats, shape: Floats, target_slope: Floats, on_node: bool, with_slope: bool,
 ) -> None:  # fmt: skip
     """Add one block of rule 0 to the sums over the nodes of its elements."""
     points, base = tiles.coarse_shapes.shape[0], block * _BLOCK
@@ -209,8 +222,9 @@ def _add_coarse(
         for e in range(first, last):
             if rule[g, e] > 0:
                 weights[(e - first) * points : (e - first + 1) * points] = 0.0
-        _add_turned(seen_from[g], tiles.coarse, base, weights, elements.turns[g], total, sums, with_slope)
+        _add_turned(seen_from[g], tiles.coarse, base, weights, elements.turns[g], total, slopes, with_slope)
         if on_node and with_slope:
+            _summed(slopes, weights[:8], sums)
             _add_to_target_slope(sums, elements.turns[g], target_slope)
     for e in range(first, last):
         for row in range(rows):
@@ -287,7 +301,7 @@ def layer_matrices(
     target_slope = np.zeros((count, 3, 3))
     seen_from, rule = np.zeros((group, 3)), np.empty((group, size), np.int64)
     kernel, total, weights = np.empty(15 * TILE), np.empty(18 * TILE), np.empty(TILE)
-    local, sums, shape = np.empty((6, 15)), np.empty(9), np.empty((size, 18, 8))
+    local, sums, shape, slopes = np.empty((6, 15)), np.empty(9), np.empty((size, 18, 8)), np.empty(9 * TILE)
     for t in range(count):
         shape[:] = 0.0
         on_node = target_nodes[t] >= 0
@@ -298,7 +312,7 @@ def layer_matrices(
                     seen_from[g, i] += elements.turns[g, j, i] * targets[t, j]
             _rules(seen_from[g], target_nodes[t], elements.images[g], elements, tiles.levels, rule[g])
         for block in range(tiles.coarse.shape[0] // _BLOCK):
-            _add_coarse(tiles, block, seen_from, rule, elements, weights, total, sums, shape, target_slope[t],
+            _add_coarse(tiles, block, seen_from, rule, elements, weights, total, slopes, sums, shape, target_slope[t],
                         on_node, with_slope)  # fmt: skip
         for g in range(group):
             for e in range(size):
