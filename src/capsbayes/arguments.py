@@ -9,7 +9,7 @@ import numbers
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -62,9 +62,9 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 def _kinds(function: Callable[..., Any], key: str) -> tuple[Any, ...] | None:
     """Return the kinds of values that an argument may be of; None if that cannot be told."""
     inner = inspect.unwrap(function)
-    annotation = inspect.signature(inner).parameters[key].annotation
+    only = types.SimpleNamespace(__annotations__={key: inspect.signature(inner).parameters[key].annotation})
     try:
-        told = eval(annotation, inner.__globals__) if isinstance(annotation, str) else annotation
+        told = get_type_hints(only, globalns=inner.__globals__)[key]
     except NameError:  # imported for type checkers alone
         return None
     kinds = get_args(told) if get_origin(told) in (Union, types.UnionType) else (told,)

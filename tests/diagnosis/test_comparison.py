@@ -44,7 +44,7 @@ def test_medians_are_of_the_capsules_of_each_flow_rate(compared):
     for rate, (count, median) in found.items():
         at = [one.flow_rate == rate for one in compared.session.measurements]
         assert (sum(at), np.median(compared.modulus[at])) == (count, median)
-    each = [replace(one, flow_rate=1e-11 + 1e-14 * row) for row, one in enumerate(compared.session.measurements)]
+    each = [replace(one, flow_rate=1e-9 * (1.0 + 1e-3 * row)) for row, one in enumerate(compared.session.measurements)]
     measured = replace(compared, session=Session(each, compared.session.experiment))
     assert measured.modulus_at_flow_rates == {}
     unknown = [replace(one, flow_rate=None) for one in each]

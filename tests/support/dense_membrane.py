@@ -30,21 +30,20 @@ class DenseMembrane:
         shares = area_shares[0] + np.diff(area_shares) * (np.arange(AREA_CENTRES) + 0.5) / AREA_CENTRES
         self.area = np.exp(ends[0] + np.diff(ends) * shares)
         self.hardening = (np.arange(HARDENING_CENTRES) + 0.5) / HARDENING_CENTRES
-        weights = []
-        for area in self.area:
+        self.weights = np.empty((len(self.size), AREA_CENTRES, HARDENING_CENTRES), dtype=np.float32)
+        for place, area in enumerate(self.area):
             shorter = model.shorter * np.log(area / RANGES["area_dilation_modulus"].null_value)
             z = (capsule.axial_extent - lengths[:, 0] + shorter)[:, None]
             a = capsule.axial_length - lengths[:, 1, None] - model.shallower * self.hardening
             square = (
                 inverse[:, 0, 0, None] * z**2 + inverse[:, 1, 1, None] * a**2 + 2.0 * inverse[:, 0, 1, None] * z * a
             )
-            weights.append(np.exp(-0.5 * square) / np.sqrt(volume)[:, None])
-        self.weights = np.stack(weights, axis=1)  # (nodes, K, h)
-        self.weights /= self.weights.sum()
+            self.weights[:, place] = np.exp(-0.5 * square) / np.sqrt(volume)[:, None]
+        self.weights /= self.weights.sum(dtype=np.float64)
 
     def of_nodes(self, values):
         """Mean and standard deviation of a function of the nodes."""
-        weights = self.weights.sum(axis=(1, 2))
+        weights = self.weights.sum(axis=(1, 2), dtype=np.float64)
         mean = weights @ values
         return mean, np.sqrt(weights @ (values - mean) ** 2)
 
@@ -60,7 +59,7 @@ class DenseMembrane:
             "area_dilation_modulus": ((0, 2), np.log(self.area)),
             "strain_hardening": ((0, 1), self.hardening),
         }[name]
-        masses, step = self.weights.sum(axis=axes), np.diff(centres[:2])[0]
+        masses, step = self.weights.sum(axis=axes, dtype=np.float64), np.diff(centres[:2])[0]
         edges = np.append(centres - 0.5 * step, centres[-1] + 0.5 * step)
         ends = np.interp([0.16, 0.84], np.append(0.0, np.cumsum(masses)), edges)
         return np.exp(ends) if name == "area_dilation_modulus" else ends

@@ -32,12 +32,14 @@ class Worker:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item, nextitem):
         done = yield
+        if resident() > GROWN:
+            give_back()
         if nextitem is None or nextitem.path != item.path:
             if (peak := peak_memory()) > self.peak:
                 self.peak, self.at = peak, item.path.name
             give_back()
             stopped = item.session.shouldstop or item.session.shouldfail
-            if nextitem is not None and not stopped and psutil.Process().memory_info().rss / 1e9 > GROWN:
+            if nextitem is not None and not stopped and resident() > GROWN:
                 item.config.workeroutput["makes_room"] = True
                 item.session.shouldstop = "to make room"
         return done
@@ -109,8 +111,17 @@ def makes_room(node):
     return getattr(node, "workeroutput", {}).get("makes_room", False)
 
 
+def resident():
+    """Return the resident memory of this process in GB."""
+    return psutil.Process().memory_info().rss / 1e9
+
+
 def give_back():
-    """Give memory that was freed back to the system, a third of what a worker holds, where its C library can do so."""
+    """Forget models that are kept for later, and give freed memory back to the system where its C library can do so."""
+    kept = sys.modules.get("capsbayes.surrogate.surrogate")
+    for name in ("joint_surrogate", "corrected_membrane", "plain_membrane"):
+        if kept is not None:
+            getattr(kept, name).cache_clear()
     gc.collect()
     if hasattr(library := ctypes.CDLL(None), "malloc_trim"):
         library.malloc_trim(0)

@@ -19,12 +19,12 @@ WIDER = {
 }
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def opened(name):
     return Surrogate.open(name)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1)
 def matching(name):
     return on_its_mesh(name)
 

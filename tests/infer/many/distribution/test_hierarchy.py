@@ -291,7 +291,7 @@ def test_what_is_missing_is_said(population):
         hierarchy(population, seed=1, least_stretch=1.04)
     for least in (-1.0, 0.0, np.nan, np.inf):
         with pytest.raises(InputError, match="least_stretch: expected a Lambda above zero"):
-            hierarchy(population, seed=1, least_stretch=least, model=population)
+            hierarchy(population, seed=1, least_stretch=least, model=Surrogate.open("square-neo-hookean"))
     with pytest.raises(InputError, match="tails: expected normal or student, got 'cauchy'"):
         hierarchy(population, seed=1, tails="cauchy")
     older = Population(population.dataset.drop_vars("limit_capillary_number"))
