@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -52,3 +55,19 @@ def test_pressure_inside_a_constant_normal_load_is_the_load():
     layer = SingleLayer(mesh, 0.7, 0.7 * mesh.nodes, mesh.nodes)
     pressure = layer.pressure(np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.0], [3.0, 0.0, 1.0]]))
     assert pressure == pytest.approx([-1.0, -1.0, 0.0], abs=2e-4)
+
+
+STATE = """
+import hashlib, numpy as np
+from capsbayes import Simulator
+nodes = Simulator(refinement=4).run(capillary_number=0.06, size_ratio=0.85).nodes
+print(hashlib.sha256(np.ascontiguousarray(nodes).tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_a_state_has_the_same_bytes_in_every_process():
+    """Arrays lie elsewhere in each."""
+    command = [sys.executable, "-c", STATE]
+    found = {subprocess.run(command, check=True, capture_output=True, text=True).stdout for _ in range(8)}
+    assert len(found) == 1
