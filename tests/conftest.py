@@ -1,4 +1,4 @@
-"""Give each of pytest's worker processes one thread and little memory, mark the numerical tests, count skipped ones."""
+"""Give each of pytest's worker processes one thread, print their memory, mark the numerical tests, count skipped ones."""
 
 import os
 from collections import Counter
