@@ -1,4 +1,4 @@
-"""Give each of pytest's worker processes one thread, print their memory, mark the numerical tests, count skipped ones."""
+"""Give each worker process of pytest one thread, print its memory, mark the numerical tests, and count skipped ones."""
 
 import os
 from collections import Counter
