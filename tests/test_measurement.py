@@ -177,7 +177,7 @@ def test_an_outline_is_written_next_to_it_and_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("noise = 0.004", 'noise = "small"'), "outline.noise: expected a number from 0 to 1e+09, got 'small'"),
+        (("noise = 0.004", 'noise = "small"'), "outline.noise: expected a number from 0 to 1000, got 'small'"),
         (("noise = 0.004", "noise = 0.0"), "scale: expected a positive number"),
         (("noise = 0.004\n", ""), "outline.noise: expected a value, got nothing"),
         (("capsule.outline.csv", "other.csv"), "other.csv: expected a file of points, got nothing there"),

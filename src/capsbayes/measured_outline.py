@@ -25,8 +25,8 @@ SILHOUETTE = "silhouette"
 VIEWS = (MID_PLANE, SILHOUETTE)
 
 FEWEST_POINTS = 16
-MOST = 1e9
-"""Above, no error of an outline and no length along it lies, over l or in any unit."""
+MOST = 1000.0
+"""Half widths, above which no error of an outline and no length along it lies."""
 
 _OFF_MIDDLE = 0.015  # of the length, by which the centre of the convex hull is ahead of the middle in no capsule
 _OFF_AXIS = 0.02  # of the breadth, by which it is beside the middle in no capsule that is usable

@@ -219,7 +219,7 @@ def test_the_density_of_a_circle_is_that_of_its_distances_with_all_that_may_have
     np.testing.assert_allclose(found, expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize("unit", [1e-7, 1e7])
+@pytest.mark.parametrize("unit", [1e-7, 1e3])
 def test_in_another_unit_the_density_is_divided_by_that_unit_for_each_point(unit):
     noise = OutlineNoise(unit * SMOOTH.scale, unit * SMOOTH.correlation_length, SMOOTH.white)
     pose = Pose(unit * POSE.along, unit * POSE.across, POSE.tilt, unit * POSE.offset)
