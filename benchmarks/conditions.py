@@ -31,12 +31,11 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database
-from capsbayes.image.detection import Detection
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.measure import detect
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect, silhouette_of
 from capsbayes.image.overlay import overlay
-from capsbayes.image.silhouette import silhouette_of
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 
 ROOT = Path(__file__).parents[1]

@@ -31,11 +31,10 @@ from threadpoolctl import threadpool_limits
 from capsbayes import Database, Experiment, Measurement
 from capsbayes.errors import InputError
 from capsbayes.experiment import capillary_number
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.measure import detect
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.files import Picture
+from capsbayes.image.film import measure_film
+from capsbayes.image.measure import detect, silhouette_of
 from capsbayes.image.overlay import overlay
-from capsbayes.image.silhouette import silhouette_of
 from capsbayes.infer import Quadrature
 
 ROOT = Path(__file__).parents[1]

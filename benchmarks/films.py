@@ -30,8 +30,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment
-from capsbayes.image.files.film import Film
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.files import Film
+from capsbayes.image.film import measure_film
 from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from capsbayes.quantity import Quantity
 

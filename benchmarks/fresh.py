@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from capsbayes.physics.databases.outcome import Outcome
-from capsbayes.physics.databases.recipes import Recipe, recipe_named
-from capsbayes.physics.databases.sweep import CaseRunner
+from capsbayes.physics.build import CaseRunner, Outcome
+from capsbayes.physics.recipes import Recipe, recipe_named
+from capsbayes.run import Store
 from capsbayes.surrogate import EffectSurrogate, Surrogate
-from capsbayes.work import Store
 
 STORED = Path(__file__).parents[1] / "data" / "fresh.npz"
 REFINEMENT = 12

@@ -19,11 +19,10 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
-from capsbayes.physics.databases.membranes import membrane_continuation, membrane_places, nearest_state
-from capsbayes.physics.databases.scattered import NUMBERS
+from capsbayes.physics.scattered import NUMBERS, membrane_continuation, membrane_places, nearest_state
 from capsbayes.profile import vertex_normals
+from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
-from capsbayes.work import Store
 
 ROOT = Path(__file__).parents[1]
 PAGE, STORED = ROOT / "docs" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"

@@ -40,13 +40,12 @@ from population_coverage import share
 from capsbayes import MeasuredOutline, Measurement
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.infer import Membrane
-from capsbayes.infer.many.one_membrane.identify_membrane import capsules_of, identify_membrane
-from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Marginal
+from capsbayes.infer.shared_membrane import SharedMembrane, capsules_of, identify_membrane
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import vertex_normals
-from capsbayes.work import Store
+from capsbayes.run import Store
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-batches.json", ROOT / "docs" / "shared-membrane.md"

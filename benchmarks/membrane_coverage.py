@@ -35,8 +35,8 @@ from capsbayes.infer import identify
 from capsbayes.membrane_database import FREE_PARAMETERS
 from capsbayes.model import ForwardModel
 from capsbayes.profile import vertex_normals
+from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
-from capsbayes.work import Store
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-coverage.json", ROOT / "docs" / "membrane.md"

@@ -27,9 +27,9 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Experiment, MeasuredOutline, Measurement, OutlineNoise, Session, Surrogate
 from capsbayes.arrays import Floats
-from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
+from capsbayes.diagnosis.scores import whitening
+from capsbayes.diagnosis.search import Comparison
 from capsbayes.effects import SIMULATED
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES

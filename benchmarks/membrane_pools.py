@@ -45,17 +45,18 @@ from capsbayes.membrane_database import (
     highest_ca,
     lowest_ca,
 )
-from capsbayes.physics.databases.membranes import membrane_continuation, state_of
-from capsbayes.physics.databases.scattered import (
+from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
+from capsbayes.physics.scattered import (
     Continuation,
     ScatteredState,
     from_near_to_far,
     in_modes,
+    membrane_continuation,
     scattered_states,
     sobol_places,
+    state_of,
 )
-from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
-from capsbayes.work import Store
+from capsbayes.run import Store
 
 POOLS = Path(__file__).parents[1] / "data" / "pools"
 CAPSULES, MEMBERS = 540, 40

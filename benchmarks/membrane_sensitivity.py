@@ -30,8 +30,8 @@ from membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSI
 from capsbayes import LabErrors, Membrane, Quantity, membrane_flow_design
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS
-from capsbayes.plan.expected_membrane import LOGARITHMIC
-from capsbayes.work import Store
+from capsbayes.plan.widths import LOGARITHMIC
+from capsbayes.run import Store
 
 ROOT = Path(__file__).parents[1]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-sensitivity.json", ROOT / "docs" / "sensitivity.md"

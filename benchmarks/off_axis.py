@@ -23,19 +23,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Experiment, Measurement, Surrogate, identify
-from capsbayes.infer.outline import likelihood as of_outline
-from capsbayes.infer.outline.askew import askew_size
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
-from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.transient import transient
+from capsbayes.infer import outline as of_outline
+from capsbayes.infer.outline import askew_size
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.physics.channel import FourfoldTube, SquareChannel
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.stokes.circular import FourfoldTube
-from capsbayes.physics.stokes.rectangular import SquareChannel
-from capsbayes.physics.stokes.walls import WallDiscretisation
-from capsbayes.physics.surface.facets import subdivision
-from capsbayes.physics.surface.shape_functions import p2
-from capsbayes.physics.surface.symmetry import D4, Symmetry
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.steady import Iterate, Problem
+from capsbayes.physics.stokes import WallDiscretisation
+from capsbayes.physics.surface import D4, Symmetry, p2, subdivision
+from capsbayes.physics.transient import transient
 from capsbayes.profile import equally_spaced, vertex_normals
 
 ROOT = Path(__file__).parents[1]

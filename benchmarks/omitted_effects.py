@@ -19,9 +19,9 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Surrogate
 from capsbayes.database import Database
-from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
+from capsbayes.diagnosis.scores import whitening
+from capsbayes.diagnosis.search import Comparison
 from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.evidence.blind.lab import Noise
 from capsbayes.evidence.blind.pools import pool_name

@@ -36,7 +36,7 @@ from capsbayes.diagnosis import Session
 from capsbayes.evidence.blind import TRUE_EFFECTS, BlindSession, draw_session
 from capsbayes.evidence.exam.labs import drawn_lab
 from capsbayes.experiment import Experiment
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
 

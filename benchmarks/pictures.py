@@ -21,7 +21,7 @@ from scipy.stats import binom
 from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 

@@ -27,8 +27,8 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from drawn_populations import TRUTH, drawn_population
 
-from capsbayes.infer.many import hierarchy
-from capsbayes.infer.many.distribution.tails import half_width_of
+from capsbayes.infer.hierarchy import hierarchy
+from capsbayes.infer.selection import half_width_of
 from capsbayes.surrogate import Surrogate
 
 ROOT = Path(__file__).parents[1]

@@ -39,8 +39,10 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from drawn_populations import EXPERIMENT, TRUTH, drawn_population, measured
 
-from capsbayes.infer.many import Population, hierarchy, identify_folder
-from capsbayes.infer.many.distribution.selection import kept_rows
+from capsbayes.infer.batch import identify_folder
+from capsbayes.infer.hierarchy import hierarchy
+from capsbayes.infer.population import Population
+from capsbayes.infer.selection import kept_rows
 from capsbayes.surrogate import Surrogate
 
 NUMBERS = (1_000, 10_000, 100_000, 1_000_000)

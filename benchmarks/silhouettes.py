@@ -27,11 +27,11 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, MeasuredOutline, Measurement, Surrogate
 from capsbayes.errors import InputError
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
 from capsbayes.image.synthetic import Drawing, draw
 from capsbayes.infer import Quadrature
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from capsbayes import Simulator
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.transient import transient
+from capsbayes.physics.load import profile
+from capsbayes.physics.transient import transient
 
 COLUMNS = {0.8: (0.04, 0.05, 0.06, 0.08, 0.1), 0.95: (0.04, 0.05, 0.06, 0.07, 0.08, 0.09), 1.1: (0.03, 0.04, 0.05)}
 

@@ -243,7 +243,7 @@ def plainly_sampled() -> Row:
 
     from capsbayes.infer import Prior
     from capsbayes.infer.density import PosteriorDensity
-    from capsbayes.infer.inputs import Inputs
+    from capsbayes.infer.prior import Inputs
 
     measurement, experiment, model = opened()
     inputs_of = Inputs.of(measurement, experiment)

@@ -27,8 +27,8 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.database import Database
 from capsbayes.surrogate import DiffuseApproximation, Surrogate
-from capsbayes.surrogate.branches import Branch
-from capsbayes.surrogate.scaling import PlaneScaling
+from capsbayes.surrogate.diffuse import PlaneScaling
+from capsbayes.surrogate.plane import Branch
 
 Floats = NDArray[np.float64]
 Predict = Callable[[Floats], Floats]

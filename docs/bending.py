@@ -20,11 +20,10 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Simulator
 from capsbayes.arrays import Floats
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.problem import Iterate
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.continuation.branches import parachute
-from capsbayes.physics.surface.octasphere import prolonged
+from capsbayes.physics.continuation import parachute
+from capsbayes.physics.load import profile
+from capsbayes.physics.steady import Iterate, steady_state
+from capsbayes.physics.surface import prolonged
 
 HERE = Path(__file__).parent
 STORE, PAGE = HERE / "data" / "bending.json", HERE / "bending.md"

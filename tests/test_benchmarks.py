@@ -205,7 +205,7 @@ def test_half_of_a_channel_is_unfolded_from_its_eighth():
 def test_the_silhouette_of_an_ellipsoid_off_the_axis_is_an_ellipse():
     import off_axis
 
-    from capsbayes.physics.surface.octasphere import octasphere
+    from capsbayes.physics.surface import octasphere
 
     mesh = octasphere(8, off_axis.CS)
     nodes = mesh.nodes * [0.6, 0.7, 0.8] + [0.0, 0.1, 0.0]

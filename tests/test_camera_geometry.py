@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from capsbayes.camera import Camera
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import Pose
+from capsbayes.experiment import Camera, Experiment
+from capsbayes.measurement import Pose
 from capsbayes.profile import vertex_normals
 
 CAMERA = Camera(pixel_aspect="1.03 +/- 0.004", distortion="-0.02 +/- 0.003", taper="0.01 +/- 0.002")

@@ -30,18 +30,16 @@ from capsbayes.errors import DatabaseError, InputError
 from capsbayes.evidence.verification.topic import Results
 from capsbayes.experiment import Experiment
 from capsbayes.files.csv_file import read_columns
-from capsbayes.image.files.contour import ContourFile
-from capsbayes.image.files.film import Film
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.files.rtdc import RtdcFile
+from capsbayes.image.contour import ContourFile
+from capsbayes.image.files import Film, Picture
+from capsbayes.image.rtdc import RtdcFile
 from capsbayes.infer import Membrane, Posterior, Prior
 from capsbayes.measurement import Measurement
-from capsbayes.measurements import read_set
-from capsbayes.measurements.table import MeasuredLengths
+from capsbayes.measurement_sets import MeasuredLengths, read_set
 from capsbayes.membrane_database import MembraneDatabase
-from capsbayes.physics.databases.grid import read_cases
+from capsbayes.physics.build import read_cases
+from capsbayes.run import Records, Store
 from capsbayes.show.report import opened
-from capsbayes.work import Records, Store
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 CHANNEL = Experiment(cross_section="square", half_width="25 um", viscosity="0.85 Pa s")

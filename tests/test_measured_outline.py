@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measurement import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)

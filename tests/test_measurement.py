@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from capsbayes.errors import InputError
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 

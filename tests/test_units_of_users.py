@@ -9,9 +9,8 @@ import capsbayes as cb
 from capsbayes.errors import InputError
 from capsbayes.experiment import capillary_number, capsule_radius, mean_velocity
 from capsbayes.image import ByHand
-from capsbayes.image.files.contour import ContourFile
-from capsbayes.image.measure_contour import measure_contour
-from capsbayes.measurements.table import MeasuredLengths
+from capsbayes.image.contour import ContourFile, measure_contour
+from capsbayes.measurement_sets import MeasuredLengths
 
 UNITS = pint.UnitRegistry()
 MPS, UM = UNITS.mm / UNITS.s, UNITS.um

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.viscosity import MEDIA, MEDIUM_ERROR, SHEAR_RATES, cheng, methylcellulose, silicone_oil, water_glycerol
+from capsbayes.experiment import MEDIA, MEDIUM_ERROR, SHEAR_RATES, cheng, methylcellulose, silicone_oil, water_glycerol
 
 
 @pytest.mark.parametrize("flow", [("10 uL/s", "10 um"), ("1e-4 uL/s", "100 um")])

@@ -9,8 +9,8 @@ from typer.cli import get_docs_for_click
 from typer.main import get_command
 
 from capsbayes.cli import app
-from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
+from capsbayes.model import Effect
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of
 from capsbayes.status import Status

@@ -14,7 +14,7 @@ import numpy as np
 
 from capsbayes import Experiment, Surrogate, identify
 from capsbayes.experiment import capillary_number
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.film import measure_film
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
 

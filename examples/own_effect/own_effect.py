@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capsbayes import Quantity, Surrogate
-from capsbayes.effect import Kind
+from capsbayes.model import Kind
 from capsbayes.parameters import Parameter
 from capsbayes.profile import vertex_normals
 from capsbayes.testing import check_effect

@@ -19,38 +19,38 @@ _HOME = {
     "Database": "capsbayes.database",
     "Experiment": "capsbayes.experiment",
     "GeneralisedHooke": "capsbayes.physics.membrane",
-    "Hierarchy": "capsbayes.infer.many",
+    "Hierarchy": "capsbayes.infer.hierarchy",
     "LabErrors": "capsbayes.plan",
-    "MeasuredOutline": "capsbayes.measured_outline",
+    "MeasuredOutline": "capsbayes.measurement",
     "Measurement": "capsbayes.measurement",
     "Membrane": "capsbayes.infer",
     "MembraneSurrogate": "capsbayes.surrogate",
     "NeoHookean": "capsbayes.physics.membrane",
-    "OutlineNoise": "capsbayes.measured_outline",
-    "Population": "capsbayes.infer.many",
+    "OutlineNoise": "capsbayes.measurement",
+    "Population": "capsbayes.infer.population",
     "Posterior": "capsbayes.infer",
     "Prior": "capsbayes.infer",
     "Profile": "capsbayes.profile",
     "Quantity": "capsbayes.quantity",
     "Session": "capsbayes.diagnosis",
-    "SharedMembrane": "capsbayes.infer.many",
-    "Simulator": "capsbayes.physics.simulation",
+    "SharedMembrane": "capsbayes.infer.shared_membrane",
+    "Simulator": "capsbayes.physics.simulator",
     "Skalak": "capsbayes.physics.membrane",
     "Status": "capsbayes.status",
-    "SteadyState": "capsbayes.physics.simulation",
+    "SteadyState": "capsbayes.physics.simulator",
     "Study": "capsbayes.diagnosis",
     "Surrogate": "capsbayes.surrogate",
-    "build_database": "capsbayes.physics.databases",
+    "build_database": "capsbayes.physics.build",
     "diagnose": "capsbayes.diagnosis",
     "error_budget": "capsbayes.plan",
     "flow_design": "capsbayes.plan",
-    "hierarchy": "capsbayes.infer.many",
+    "hierarchy": "capsbayes.infer.hierarchy",
     "identifiability_map": "capsbayes.plan",
     "identify": "capsbayes.infer",
-    "identify_folder": "capsbayes.infer.many",
-    "identify_membrane": "capsbayes.infer.many",
+    "identify_folder": "capsbayes.infer.batch",
+    "identify_membrane": "capsbayes.infer.shared_membrane",
     "measure": "capsbayes.image",
-    "measure_film": "capsbayes.image.measure_film",
+    "measure_film": "capsbayes.image.film",
     "membrane_flow_design": "capsbayes.plan",
     "sobol_indices": "capsbayes.plan",
     "write_report": "capsbayes.show",
@@ -65,19 +65,18 @@ if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.diagnosis import Session, Study, diagnose
     from capsbayes.experiment import Experiment
+    from capsbayes.image.film import measure_film
     from capsbayes.image.measure import measure
-    from capsbayes.image.measure_film import measure_film
     from capsbayes.infer import Membrane, Posterior, Prior
+    from capsbayes.infer.batch import identify_folder
+    from capsbayes.infer.hierarchy import Hierarchy, hierarchy
     from capsbayes.infer.identify import identify
-    from capsbayes.infer.many import Hierarchy, Population, SharedMembrane
-    from capsbayes.infer.many.distribution.hierarchy import hierarchy
-    from capsbayes.infer.many.identify_folder import identify_folder
-    from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
-    from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-    from capsbayes.measurement import Measurement
-    from capsbayes.physics.databases import build_database
+    from capsbayes.infer.population import Population
+    from capsbayes.infer.shared_membrane import SharedMembrane, identify_membrane
+    from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
+    from capsbayes.physics.build import build_database
     from capsbayes.physics.membrane import GeneralisedHooke, NeoHookean, Skalak
-    from capsbayes.physics.simulation import Simulator, SteadyState
+    from capsbayes.physics.simulator import Simulator, SteadyState
     from capsbayes.plan import (
         LabErrors,
         error_budget,

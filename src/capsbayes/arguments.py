@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.measured_outline import MID_PLANE
+from capsbayes.measurement import MID_PLANE
 from capsbayes.model import ForwardModel
 
 P = ParamSpec("P")

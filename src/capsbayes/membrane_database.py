@@ -87,7 +87,7 @@ class MembraneDatabase:
     Parameters
     ----------
     dataset : xarray.Dataset
-        As `capsbayes.physics.databases.scattered.scattered_dataset` makes it, over `FREE_PARAMETERS`.
+        As `capsbayes.physics.scattered.scattered_dataset` makes it, over `FREE_PARAMETERS`.
     """
 
     dataset: xr.Dataset

@@ -1,10 +1,4 @@
-"""The one contract of forward models, and the models made from others by adding an effect or fixing parameters.
-
-A forward model maps parameters to a `Prediction` and declares what it stands
-for: the cross-section of the channel, the view of its outlines, its further
-coordinates, what it must know of each capsule, and its domain. Every part of
-the library reads these declarations and no others.
-"""
+"""The contract of forward models and of effects on them."""
 
 from __future__ import annotations
 
@@ -12,22 +6,126 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.effect import Effect, HasOutlineModes, HasRelativeFlow, Theta
 from capsbayes.errors import InputError, OutsideDatabaseError
-from capsbayes.measured_outline import MID_PLANE
-from capsbayes.parameters import OF_THE_MEMBRANE
+from capsbayes.measurement import MID_PLANE
+from capsbayes.parameters import OF_THE_MEMBRANE, Parameter
 from capsbayes.prediction import Prediction
+from capsbayes.quantity import Quantity
 
 if TYPE_CHECKING:
     from capsbayes.database import Database
     from capsbayes.experiment import Experiment
+
+
+# Effects that a forward model may miss, and that `model + effect` adds to it.
+#
+# An effect is a forward operator with one parameter. It may change the input of a
+# model, its output, or both; at its null value it changes nothing. Some effects
+# depend on more than the parameter, for example on the velocity of the capsule or
+# the width of the channel. These circumstances are further names in ``theta``
+
+Theta = Mapping[str, NDArray[np.float64]]
+
+
+class Kind(Enum):
+    """Owner of the parameter of an effect."""
+
+    SESSION = "one value for all capsules of a session"
+    SPEED = "one value for all, and what it does grows with the speed of the capsule"
+    STRAIN = "one value for all, and what it does grows with the strain of the membrane"
+
+
+@runtime_checkable
+class Effect(Protocol):
+    """An effect; `capsbayes.testing.check_effect` names the promise that it breaks."""
+
+    @property
+    def name(self) -> str:
+        """Return what the effect is called in results."""
+        ...
+
+    @property
+    def parameter(self) -> Parameter:
+        """Return the size of the effect: name in ``theta``, symbol, unit, meaning."""
+        ...
+
+    @property
+    def prior(self) -> Quantity:
+        """Return the distribution of the parameter, in SI or as a ratio."""
+        ...
+
+    @property
+    def null_value(self) -> float:
+        """Return the size at which the effect changes nothing."""
+        ...
+
+    @property
+    def kind(self) -> Kind:
+        """Return the owner of the parameter."""
+        ...
+
+    @property
+    def changes(self) -> str:
+        """Say in one sentence what the effect does to the picture of a capsule."""
+        ...
+
+    @property
+    def separated_by(self) -> str:
+        """Say in one sentence which measurement would distinguish it from similar effects."""
+        ...
+
+    @property
+    def circumstances(self) -> tuple[str, ...]:
+        """Return which of `capsbayes.model.CIRCUMSTANCES` it must know of each capsule [SI]."""
+        ...
+
+    def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch with the effect; ``theta`` holds its parameter and its circumstances as well."""
+        ...
+
+
+@runtime_checkable
+class Unseen(Protocol):
+    """An effect of which neither outlines nor velocities show anything: it scales G_s, and never gains evidence."""
+
+    @property
+    def unseen_because(self) -> str:
+        """Say in one sentence why it leaves no trace."""
+        ...
+
+
+@runtime_checkable
+class HasRelativeFlow(Protocol):
+    """An effect on what the stated flow rate and half width say of the mean velocity U at the capsule."""
+
+    def relative_flow(self, theta: Theta) -> NDArray[np.float64]:
+        """Return the stated flow rate over that which the stated half width and U at the capsule give : (n,) array."""
+        ...
+
+
+@runtime_checkable
+class HasOutlineModes(Protocol):
+    """An effect that states its own error of the outlines that it predicts; with any other it is that of the model."""
+
+    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
+        """Return the own error of the outline at one point, see `ForwardModel.outline_modes`."""
+        ...
+
+
+# The one contract of forward models, and the models made from others by adding an effect or fixing parameters.
+#
+# A forward model maps parameters to a `Prediction` and declares what it stands
+# for: the cross-section of the channel, the view of its outlines, its further
+# coordinates, what it must know of each capsule, and its domain. Every part of
+# the library reads these declarations and no others
 
 TWO_SHAPES = "two shapes"
 """Caveat: another shape than that of a capsule started from rest is stable too."""
@@ -116,7 +214,7 @@ class ForwardModel(ABC):
     cross_section : str or None
         Cross-section of the channel, as that of an `Experiment`; None if the model holds for any.
     view : str
-        View of the outlines that it predicts, one of `capsbayes.measured_outline.VIEWS`.
+        View of the outlines that it predicts, one of `capsbayes.measurement.VIEWS`.
     coordinates : mapping of str to CoordinateRange
         Further coordinates besides (Ca, a/l), by name; optional in ``theta``.
     effects : tuple of str

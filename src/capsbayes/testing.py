@@ -11,11 +11,11 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import BrokenPromiseError, InputError
-from capsbayes.measured_outline import VIEWS
+from capsbayes.measurement import VIEWS
 from capsbayes.model import CIRCUMSTANCES, Domain, ForwardModel
 
 if TYPE_CHECKING:
-    from capsbayes.effect import Effect
+    from capsbayes.model import Effect
     from capsbayes.physics.membrane import MembraneLaw
     from capsbayes.prediction import Prediction
 from capsbayes.quantity import Quantity

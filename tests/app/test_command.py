@@ -3,7 +3,7 @@
 import asyncio
 
 from capsbayes.app.command import printed_by
-from capsbayes.work.progress import LINES, line_read, progress_bar
+from capsbayes.run import LINES, line_read, progress_bar
 
 
 def test_a_command_is_watched_and_what_it_prints_is_returned(tmp_path):

@@ -10,9 +10,9 @@ from command_line import run
 from typer.testing import CliRunner
 
 import capsbayes.cli
-import capsbayes.physics.simulation
+import capsbayes.physics.simulator
 from capsbayes.database import Database
-from capsbayes.physics.databases.grid import default_grid, read_cases
+from capsbayes.physics.build import default_grid, read_cases
 
 CSV = "size_ratio,capillary_number,note\n0.9,0.05,middle\n0.9,0.06,\n0.8,0.5,too high\n"
 
@@ -24,7 +24,7 @@ def build(tmp_path, monkeypatch):
     def simulator(*, refinement, **others):
         return AnalyticSimulator(refinement=refinement)
 
-    monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", simulator, raising=False)
+    monkeypatch.setattr(capsbayes.physics.simulator, "Simulator", simulator, raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cases.csv").write_text(CSV)
 

@@ -11,13 +11,13 @@ from capsbayes.cli.effects_file import own_effects
 from capsbayes.effects import catalogue
 from capsbayes.errors import BrokenPromiseError, CapsbayesError
 from capsbayes.evidence.exam.cells import cells_with
-from capsbayes.work import run_tasks
+from capsbayes.run import run_tasks
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_effect" / "own_effect.py"
 IMPORTS = """
 from dataclasses import dataclass
 from capsbayes.effects import Halo
-from capsbayes.effects.displaced import displaced
+from capsbayes.effects.analytic import displaced
 from capsbayes.parameters import Parameter
 """
 GLARE = """

@@ -12,11 +12,11 @@ from drawn import drawn
 from drawn_film import bright, film, written
 from sessions import EXPERIMENT, drawn_session
 
-import capsbayes.physics.simulation
+import capsbayes.physics.simulator
 from capsbayes import Surrogate
 from capsbayes.diagnosis import Session
 from capsbayes.files.output_file import RECORD
-from capsbayes.infer.many import identify_folder
+from capsbayes.infer.batch import identify_folder
 
 VELOCITY = ("--velocity", "6.2 +/- 0.06 mm/s")
 FULL = "expected room on the disk, got No space left on device; make room and start again: what is finished is kept"
@@ -85,7 +85,7 @@ SLOW = ("batch", "population", "diagnose")
 
 def ended(monkeypatch, capsys, use, folder):
     """Return exit status and lines of standard error of a command that writes on a disk."""
-    monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", lambda **_: AnalyticSimulator(), raising=False)
+    monkeypatch.setattr(capsbayes.physics.simulator, "Simulator", lambda **_: AnalyticSimulator(), raising=False)
     status, _, err = run(monkeypatch, capsys, *(word.format(disk=folder) for word in USES[use][0]))
     return status, err.splitlines()
 

@@ -26,8 +26,8 @@ from sessions import drawn_session
 
 from capsbayes.cli import app, main
 from capsbayes.cli.paths import Reads, Writes, option_name
+from capsbayes.run import only_run
 from capsbayes.surrogate import Surrogate
-from capsbayes.work import only_run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin"
 

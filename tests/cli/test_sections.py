@@ -6,16 +6,16 @@ import pytest
 from analytic_simulator import AnalyticSimulator
 from command_line import run
 
-import capsbayes.physics.simulation
-from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.stokes.walls import WallDiscretisation
+import capsbayes.physics.simulator
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.stokes import WallDiscretisation
 
 OPTIONS = ("--corner-radius", "0.1", "--rest-aspect", "1.05")
 
 
 def test_simulate_states_the_section_it_was_given(monkeypatch, capsys):
     coarse = partial(Simulator, walls=WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5))
-    monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", coarse)
+    monkeypatch.setattr(capsbayes.physics.simulator, "Simulator", coarse)
     case = ("--ca", "0.05", "--size-ratio", "0.75", "--refinement", "4", "--pre-inflation", "0.1")
     status, out, _ = run(monkeypatch, capsys, "simulate", *case, *OPTIONS)
     assert status == 0
@@ -30,7 +30,7 @@ def test_build_hands_the_section_to_the_simulator(monkeypatch, capsys, tmp_path)
         given.update(settings)
         return AnalyticSimulator()
 
-    monkeypatch.setattr(capsbayes.physics.simulation, "Simulator", simulator)
+    monkeypatch.setattr(capsbayes.physics.simulator, "Simulator", simulator)
     (tmp_path / "cases.csv").write_text("capillary_number,size_ratio\n0.05,0.9\n")
     case = ("--cases", str(tmp_path / "cases.csv"), "--out", str(tmp_path / "shapes.nc"))
     status, _, _ = run(monkeypatch, capsys, "build", *case, "--scheduler", "synchronous", *OPTIONS)

@@ -5,10 +5,10 @@ import pytest
 
 from capsbayes import Database, Simulator, Status
 from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
-from capsbayes.physics.capsule.problem import Problem
+from capsbayes.physics.channel import SquareChannel
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.rectangular import SquareChannel
-from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.steady import Problem
+from capsbayes.physics.stokes import SingleLayer
 from capsbayes.physics.surface import octasphere
 
 REFINEMENTS = np.array([6, 8, 10])

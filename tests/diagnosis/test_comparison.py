@@ -10,10 +10,10 @@ from sessions import drawn_session
 from capsbayes import Surrogate
 from capsbayes.diagnosis import Comparison, Verdict, diagnose, summary
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
+from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, PixelScale
-from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.measurement import MeasuredOutline
 
 OPTICAL = {one.parameter.name: one for one in (Halo(), PixelScale())}
 

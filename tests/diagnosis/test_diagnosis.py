@@ -10,12 +10,10 @@ import pytest
 from sessions import EXPERIMENT, drawn_session
 
 from capsbayes import MembraneSurrogate, Session, Surrogate
-from capsbayes.diagnosis.diagnosis import Verdict, diagnose
+from capsbayes.diagnosis.diagnosis import Verdict, diagnose, summary
 from capsbayes.diagnosis.finding import Deviation, Finding
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import _about_the_best, log_likelihood, population
-from capsbayes.diagnosis.summary import summary
+from capsbayes.diagnosis.scores import _about_the_best, log_likelihood, population, whitening
 from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 from capsbayes.model import FixedParameters

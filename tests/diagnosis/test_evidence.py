@@ -10,13 +10,17 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
-from capsbayes.diagnosis.discrepancy import Discrepancy, _Process, _spectrum, displacement_modes
 from capsbayes.diagnosis.finding import find
-from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.regions import region_displacements
+from capsbayes.diagnosis.fits import Trend, fitted
+from capsbayes.diagnosis.scores import (
+    Discrepancy,
+    _Process,
+    _spectrum,
+    displacement_modes,
+    region_displacements,
+    whitening,
+)
 from capsbayes.diagnosis.search import evidences, probabilities
-from capsbayes.diagnosis.trend import Trend
 from capsbayes.effects import Halo, PixelScale
 from capsbayes.profile import vertex_normals
 

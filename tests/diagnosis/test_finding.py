@@ -9,10 +9,10 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis.finding import _by_signs, _Test, find
-from capsbayes.diagnosis.regions import REGIONS, region_displacements
+from capsbayes.diagnosis.scores import REGIONS, region_displacements
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, MotionBlur, catalogue
-from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.measurement import MeasuredOutline
 from capsbayes.profile import vertex_normals
 
 CAPSULES = 40

@@ -9,7 +9,7 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis.fits import _to_try_again, fitted
-from capsbayes.diagnosis.noise import whitening
+from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, catalogue
 

@@ -11,8 +11,7 @@ from capsbayes.database import Database
 from capsbayes.diagnosis import Verdict, diagnose, find
 from capsbayes.diagnosis.finding import FLOW
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import log_likelihood
+from capsbayes.diagnosis.scores import log_likelihood, whitening
 from capsbayes.effects import (
     ChannelSwelling,
     FlowRateError,

@@ -5,10 +5,9 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import MembraneSurrogate, Surrogate
+from capsbayes.diagnosis.finding import _DESIGN, _parabola, score_jointly
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.joint import _DESIGN, _parabola, score_jointly
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import Trial, log_likelihood
+from capsbayes.diagnosis.scores import Trial, log_likelihood, whitening
 from capsbayes.effects import SIMULATED, Halo, MotionBlur
 from capsbayes.model import FixedParameters
 

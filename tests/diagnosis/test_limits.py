@@ -7,11 +7,9 @@ import pytest
 from sessions import drawn_session
 
 from capsbayes import Surrogate
+from capsbayes.diagnosis.finding import TWO_SIGMA, limit_scores, limits_table, session_modulus
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.limits import TWO_SIGMA, limit_scores, limits_table
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import Scores
-from capsbayes.diagnosis.session_modulus import session_modulus
+from capsbayes.diagnosis.scores import Scores, whitening
 from capsbayes.effects import Halo, PixelScale, ViscosityError
 
 SIZES = np.linspace(-0.05, 0.05, 401)

@@ -9,8 +9,8 @@ from sessions import drawn_session
 
 from capsbayes import Measurement, Session, Surrogate, diagnose
 from capsbayes.errors import InputError, NoShapeError
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, check_placed
-from capsbayes.measurements import write_set
+from capsbayes.measurement import MeasuredOutline, OutlineNoise, check_placed
+from capsbayes.measurement_sets import write_set
 
 PLACED = {
     "in um": (lambda points: 25.0 * points, "expected points over l, some"),

@@ -8,9 +8,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from capsbayes.diagnosis import scoring
-from capsbayes.diagnosis.flow import FlowOffsets
-from capsbayes.diagnosis.scoring import Scores, Trial, log_likelihood, log_of_measured, population
+from capsbayes.diagnosis import scores as scoring
+from capsbayes.diagnosis.scores import Scores, Trial, log_likelihood, log_of_measured, population
+from capsbayes.diagnosis.session import FlowOffsets
 from capsbayes.effects import catalogue
 
 MISFIT = np.array([3.0, 9.5, 1.2, 6.0])

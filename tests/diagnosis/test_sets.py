@@ -12,10 +12,9 @@ from sessions import EXPERIMENT
 from capsbayes.diagnosis.session import Session
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.many.listing import capsule_files
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
-from capsbayes.measurement import Measurement
-from capsbayes.measurements.folder import measurement_files
+from capsbayes.infer.batch import capsule_files
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement_sets import measurement_files
 from capsbayes.quantity import Quantity
 
 NUMBERS = (

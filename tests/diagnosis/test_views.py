@@ -8,10 +8,10 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
+from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.errors import InputError
-from capsbayes.measurements.netcdf import read_netcdf, write_netcdf
+from capsbayes.measurement_sets import read_netcdf, write_netcdf
 
 
 @pytest.fixture(scope="module")

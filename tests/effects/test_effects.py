@@ -5,7 +5,6 @@ import pytest
 
 from capsbayes import Surrogate
 from capsbayes.database import Database
-from capsbayes.effect import Effect
 from capsbayes.effects import (
     ChannelSwelling,
     FlowRateError,
@@ -26,7 +25,7 @@ from capsbayes.effects import (
 from capsbayes.effects.simulated import SIMULATED, Simulated
 from capsbayes.errors import DatabaseError, InputError
 from capsbayes.evidence.blind.optics import distorted, enlarged, in_perspective
-from capsbayes.model import Extended
+from capsbayes.model import Effect, Extended
 from capsbayes.profile import Profile
 from capsbayes.testing import check_effect, check_model
 

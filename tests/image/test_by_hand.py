@@ -8,9 +8,9 @@ from drawn_film import bright, film, written
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.film import measure_film
+from capsbayes.image.measure import silhouette_of
 from capsbayes.image.overlay import overlay
-from capsbayes.image.silhouette import silhouette_of
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.film import measure_film
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.status import Status
 

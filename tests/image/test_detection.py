@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from capsbayes.image.detection import _smoothed_by_walls
-from capsbayes.image.edges.outline import EdgeOutline
+from capsbayes.image.detect import _smoothed_by_walls
+from capsbayes.image.edges import EdgeOutline
 from capsbayes.image.walls import WallLines
 
 ANGLE = 2.0 * np.pi * np.arange(300) / 300

@@ -12,7 +12,7 @@ from drawn_film import HALF_WIDTH, SHAPE, bright, film
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image import Picture, detect
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.film import measure_film
 from capsbayes.image.motion import Drift
 from capsbayes.status import Status
 

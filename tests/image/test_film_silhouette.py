@@ -8,12 +8,11 @@ import scipy.linalg
 from drawn_film import HALF_WIDTH, bright, exposed, film, written
 
 from capsbayes.experiment import Experiment
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.film_silhouette import AlignedOutlines, FrameOutline
-from capsbayes.image.measure import detect
-from capsbayes.image.measure_film import FilmMeasurement, measure_film
-from capsbayes.image.silhouette import silhouette_of
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.image.files import Picture
+from capsbayes.image.film import FilmMeasurement, measure_film
+from capsbayes.image.film_capsule import AlignedOutlines, FrameOutline
+from capsbayes.image.measure import detect, silhouette_of
+from capsbayes.infer.outline import aligned_with
 from capsbayes.measurement import Measurement
 from capsbayes.profile import signed_area
 from capsbayes.status import Status

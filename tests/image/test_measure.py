@@ -5,7 +5,7 @@ from drawn import HALF_WIDTH, circle, drawn
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measure
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity

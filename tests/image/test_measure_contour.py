@@ -9,8 +9,7 @@ from drawn import circle, shapes
 from capsbayes import Surrogate, identify
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image.files.contour import ContourFile
-from capsbayes.image.measure_contour import measure_contour
+from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.profile import Profile
 from capsbayes.quantity import Quantity
 

@@ -5,8 +5,8 @@ from drawn_film import HALF_WIDTH, SHAPE, bright, exposed, film, written
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.files.film import Film
-from capsbayes.image.measure_film import FilmMeasurement, measure_film
+from capsbayes.image.files import Film
+from capsbayes.image.film import FilmMeasurement, measure_film
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 

@@ -16,12 +16,11 @@ from capsbayes.cli import app
 from capsbayes.cli.measure import film
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image import written as files_of_detection
-from capsbayes.image.files.rtdc import RtdcFile
-from capsbayes.image.measure_rtdc import measure_rtdc
+from capsbayes.image import measure as files_of_detection
+from capsbayes.image.measure import write_detection
+from capsbayes.image.rtdc import RtdcFile, measure_rtdc
 from capsbayes.image.synthetic import Optics, Scene, draw
-from capsbayes.image.written import write_detection
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline import aligned_with
 from capsbayes.measurement import Measurement
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity

@@ -7,11 +7,10 @@ import pytest
 import scipy.linalg
 from drawn import HALF_WIDTH, circle, drawn
 
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.measure import detect
-from capsbayes.image.silhouette import EdgeErrors, silhouette_of
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import EdgeErrors, detect, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline import aligned_with
 
 SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
 

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capsbayes.image.blobs import Blob
-from capsbayes.image.smoothing import edge_shift
+from capsbayes.image.background import Blob, edge_shift
 from capsbayes.image.walls import WallLines
 
 SHAPE = (120, 240)

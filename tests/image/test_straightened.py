@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from drawn import HALF_WIDTH, drawn, shapes
 
-from capsbayes.camera import Camera
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Camera, Experiment
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.files.contour import ContourFile
+from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.image.measure import measure, measurement_of_lengths
-from capsbayes.image.measure_contour import measure_contour
 from capsbayes.image.synthetic import Optics
-from capsbayes.infer.outline.likelihood import aligned_with
+from capsbayes.infer.outline import aligned_with
 from capsbayes.quantity import Quantity
 
 EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)

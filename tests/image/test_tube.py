@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.measure import detect
-from capsbayes.image.silhouette import silhouette_of
-from capsbayes.infer.outline.askew import askew_size
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect, silhouette_of
+from capsbayes.infer.outline import askew_size
 from capsbayes.status import Status
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"

@@ -7,7 +7,7 @@ from drawn_film import bright, film, written
 
 from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
-from capsbayes.image.measure_film import measure_film
+from capsbayes.image.film import measure_film
 from capsbayes.image.overlay import REAR, overlay
 from capsbayes.image.synthetic import Optics
 from capsbayes.measurement import Measurement

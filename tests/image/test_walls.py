@@ -4,7 +4,7 @@ from drawn import drawn
 
 from capsbayes.errors import InputError
 from capsbayes.image.background import estimate_background, temporal_median, transmission
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Optics
 from capsbayes.image.walls import _dark_lines, find_walls

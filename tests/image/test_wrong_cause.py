@@ -9,9 +9,9 @@ from scipy.ndimage import shift
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
+from capsbayes.image.film import measure_film
 from capsbayes.image.measure import detect, measure
-from capsbayes.image.measure_film import measure_film
 from capsbayes.image.synthetic import Optics
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status

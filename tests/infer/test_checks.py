@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from capsbayes.infer.checks import agreement
-from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.sampling.convergence import chain_gates, ess_gates
+from capsbayes.infer.prior import Marginal
+from capsbayes.infer.sampling import chain_gates, ess_gates
 from capsbayes.infer.verdict import leaning
 
 

@@ -5,9 +5,8 @@ from scipy import stats
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.likelihood import ModelAtPoints
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Inputs, Prior
 from capsbayes.quantity import Quantity
 
 

@@ -10,11 +10,11 @@ from capsbayes.diagnosis import Session
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Posterior, Prior, identify
-from capsbayes.infer.exact import exact_engine
-from capsbayes.infer.many.distribution.hierarchy import hierarchy
-from capsbayes.infer.many.identify_folder import identify_folder
+from capsbayes.infer.batch import identify_folder
+from capsbayes.infer.hierarchy import hierarchy
+from capsbayes.infer.importance import exact_engine
 from capsbayes.measurement import Measurement
-from capsbayes.measurements import read_set, write_set
+from capsbayes.measurement_sets import read_set, write_set
 from capsbayes.plan import error_budget
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate

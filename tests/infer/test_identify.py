@@ -9,7 +9,7 @@ from scipy.stats import uniform
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior, Prior, identify
-from capsbayes.infer.sampling.ensembles import Effort
+from capsbayes.infer.sampling import Effort
 from capsbayes.quantity import Quantity
 from capsbayes.show.words.posterior import budget_sentence
 from capsbayes.status import Status

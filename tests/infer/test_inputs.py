@@ -4,8 +4,8 @@ from scipy import stats
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.inputs import Inputs
 from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.prior import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status

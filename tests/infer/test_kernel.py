@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.infer.kernel import (
+from capsbayes.infer.likelihood import (
     Flow,
     border_steps,
     feature_in_cells,

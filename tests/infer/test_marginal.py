@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Marginal
 
 
 def test_intervals_are_equal_tailed():

@@ -6,7 +6,7 @@ from membrane_model import MembraneModel
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Membrane, Prior, identify
-from capsbayes.infer.membrane import LAWS, refuse_membrane
+from capsbayes.infer.prior import LAWS, refuse_membrane
 from capsbayes.physics.membrane import GeneralLaw, NeoHookean, Skalak
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 

@@ -9,9 +9,9 @@ import pytest
 from capsbayes import Experiment, Measurement, MembraneSurrogate, Posterior, Surrogate, identify
 from capsbayes.errors import InputError
 from capsbayes.infer import Prior
-from capsbayes.infer.many import identify_folder
-from capsbayes.infer.misfit import LEVEL
-from capsbayes.physics.stokes.cross_sections import cross_section_named
+from capsbayes.infer.batch import identify_folder
+from capsbayes.infer.verdict import LEVEL
+from capsbayes.physics.channel import cross_section_named
 from capsbayes.show.tables.posterior import check_table
 from capsbayes.show.words.posterior import caveats
 from capsbayes.status import Status

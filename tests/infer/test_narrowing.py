@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from membrane_model import MembraneModel
 
-from capsbayes.infer.importance.engine import ImportanceSampling
-from capsbayes.infer.narrowing import OUTLINE_NOISE, expected_log_modulus_sds
-from capsbayes.measured_outline import MeasuredOutline
+from capsbayes.infer.identify import OUTLINE_NOISE, expected_log_modulus_sds
+from capsbayes.infer.importance import ImportanceSampling
+from capsbayes.measurement import MeasuredOutline
 from capsbayes.profile import vertex_normals
 
 REPEATS = 6

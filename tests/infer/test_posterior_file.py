@@ -13,11 +13,9 @@ from capsbayes import Posterior
 from capsbayes.errors import InputError
 from capsbayes.infer import identify
 from capsbayes.infer.checks import Agreement, Gate
-from capsbayes.infer.deterministic import DeterministicAnswer
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.posterior_file import RECORD
-from capsbayes.infer.prior import Prior
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.infer.posterior import RECORD, DeterministicAnswer
+from capsbayes.infer.prior import Inputs, Prior
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 

@@ -8,7 +8,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.infer import identify
-from capsbayes.infer.exact import exact_engine
+from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.predictive import Predictive
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.shares import REST, variance_shares
+from capsbayes.infer.identify import REST, variance_shares
+from capsbayes.infer.quadrature import Quadrature
 from capsbayes.quantity import Quantity
 
 

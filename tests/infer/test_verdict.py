@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from membrane_model import MembraneModel
 
-from capsbayes.infer.exact import exact_engine
+from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.verdict import RANGE, leanings, range_leanings, shares_by_kind, verdict
 from capsbayes.status import Status
 

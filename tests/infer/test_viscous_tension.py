@@ -8,7 +8,7 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Posterior, Prior, identify
-from capsbayes.infer.many.identify_folder import identify_folder
+from capsbayes.infer.batch import identify_folder
 from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot
 

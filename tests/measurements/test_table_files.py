@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.measurements.table import MeasuredLengths
+from capsbayes.measurement_sets import MeasuredLengths
 
 NAMES = [f"c{row}" for row in range(1, 7)]
 COLUMNS = {

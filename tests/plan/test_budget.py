@@ -10,8 +10,8 @@ from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
 from capsbayes.infer import identify
-from capsbayes.infer.shares import REST
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.infer.identify import REST
+from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.plan import error_budget
 from capsbayes.plan.budget import TOGETHER
 

@@ -8,14 +8,13 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane
-from capsbayes.infer.many.one_membrane.conditional import MODULUS
-from capsbayes.infer.many.one_membrane.identify_membrane import unknowns_of
+from capsbayes.infer.conditional import MODULUS
 from capsbayes.infer.prior import Prior
-from capsbayes.measured_outline import OutlineNoise
+from capsbayes.infer.shared_membrane import unknowns_of
+from capsbayes.measurement import OutlineNoise
 from capsbayes.plan import LabErrors, membrane_flow_design
-from capsbayes.plan.expectation import Expectation
-from capsbayes.plan.membrane_flow import expected_scores
-from capsbayes.plan.planned_batch import PlannedBatch
+from capsbayes.plan.membrane import PlannedBatch, expected_scores
+from capsbayes.plan.widths import Expectation
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.infer.deterministic import deterministic_answer
-from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.posterior import deterministic_answer
+from capsbayes.infer.prior import Inputs
 from capsbayes.plan import error_budget, sobol_indices, varied_range
-from capsbayes.plan.answers import ANSWERS, Answerer
+from capsbayes.plan.map import ANSWERS, Answerer
 from capsbayes.status import Status
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capsbayes.experiment import AREAS, Experiment
-from capsbayes.image.measure_rtdc import measure_rtdc
+from capsbayes.image.rtdc import measure_rtdc
 from capsbayes.infer import identify
 from capsbayes.surrogate import Surrogate
 

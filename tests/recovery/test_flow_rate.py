@@ -11,9 +11,9 @@ from simulated_capsules import mistakes, simulated_capsules
 
 from capsbayes.experiment import Experiment, mean_velocity
 from capsbayes.infer import Quadrature
-from capsbayes.infer.many.run import Run
-from capsbayes.infer.misfit import LEVEL, PREDICTED, p_values
+from capsbayes.infer.batch import Run
 from capsbayes.infer.prior import Prior
+from capsbayes.infer.verdict import LEVEL, PREDICTED, p_values
 from capsbayes.quantity import Quantity
 
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))

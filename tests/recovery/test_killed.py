@@ -140,7 +140,7 @@ def test_a_build(tmp_path, compare):
 def test_a_rebuild(tmp_path):
     """Of a shipped database whose recipe is made small; the parts of both runs are those of the same recipe."""
     small = (
-        "from dataclasses import replace; from capsbayes.physics.databases import recipes as r; "
+        "from dataclasses import replace; from capsbayes.physics import recipes as r; "
         "s = r.Simulator(refinement=4); c = [(ca, size) for size in (0.8, 0.9) for ca in (0.02, 0.05, 0.07)]; "
         "r.RECIPES['square-rest-aspect'] = r.Recipe(s, c, 'rest_aspect', (0.95, 1.0, 1.05)); "
         "from capsbayes.cli import main; main()"

@@ -7,7 +7,7 @@ from simulated_capsules import measured_capsule, mistakes
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment
-from capsbayes.infer.grid.mixed import MixedQuadrature
+from capsbayes.infer.mixed import MixedQuadrature
 from capsbayes.infer.prior import Prior
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate

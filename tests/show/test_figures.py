@@ -9,8 +9,8 @@ from polynomial_model import PolynomialModel
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
-from capsbayes.infer.deterministic import DeterministicAnswer
-from capsbayes.infer.outline.misfit import band
+from capsbayes.infer.outline import band
+from capsbayes.infer.posterior import DeterministicAnswer
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.show import corner_plot, outline_figure, outline_plot

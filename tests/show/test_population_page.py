@@ -11,8 +11,8 @@ import pytest
 from results import grown, population
 
 from capsbayes.errors import InputError
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
 from capsbayes.show.figures.population import modulus_against_radius, modulus_histogram
 from capsbayes.show.pages.population import population_page
 

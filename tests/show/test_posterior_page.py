@@ -14,10 +14,10 @@ from markupsafe import Markup
 from results import posterior
 
 import capsbayes as cb
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
 from capsbayes.infer.checks import Agreement, Gate
-from capsbayes.infer.shares import REST
+from capsbayes.infer.identify import REST
 from capsbayes.show.figures.picture import on_picture, picture_figure
 from capsbayes.show.pages.posterior import capsule_pictures, posterior_page
 from capsbayes.show.tables.table import typeset

@@ -16,7 +16,7 @@ from sessions import drawn_session
 from capsbayes import Surrogate, diagnose
 from capsbayes.effects import MotionBlur
 from capsbayes.infer.checks import Agreement, Gate
-from capsbayes.infer.many import Hierarchy
+from capsbayes.infer.hierarchy import Hierarchy
 from capsbayes.model import TWO_SHAPES
 from capsbayes.show.pages.population import population_page
 from capsbayes.show.pages.posterior import posterior_page

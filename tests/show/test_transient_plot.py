@@ -3,7 +3,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from capsbayes import Simulator
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.show.figures.simulation import transient_figure
 
 

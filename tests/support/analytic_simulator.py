@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.physics.databases.build import build_database
+from capsbayes.physics.build import build_database
 from capsbayes.profile import Profile
 from capsbayes.status import Status
 

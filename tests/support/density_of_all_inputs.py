@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.infer.sampling import LogDensity
 
 INPUTS = ("viscosity", "half_width", "capsule_velocity")
 

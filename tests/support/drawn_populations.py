@@ -8,13 +8,11 @@ import numpy as np
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Prior
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.capsule_rows import CapsuleRows
-from capsbayes.infer.many.distribution.selection import limit_of
-from capsbayes.infer.many.exact_row import fill_exactly
-from capsbayes.infer.many.run import Run
+from capsbayes.infer.batch import Run, fill_exactly
+from capsbayes.infer.population import CapsuleRows, Population
+from capsbayes.infer.selection import limit_of
 from capsbayes.measurement import Measurement
-from capsbayes.measurements.table import NUMBERS
+from capsbayes.measurement_sets import NUMBERS
 from capsbayes.quantity import Quantity
 
 VISCOSITY, HALF_WIDTH = (0.85, 0.0425), (25e-6, 0.25e-6)

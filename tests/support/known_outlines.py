@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from capsbayes.image.edges.outline import EdgeOutline
+from capsbayes.image.edges import EdgeOutline
 
 
 def ellipse(a, b, *, centre=(40.0, 30.0), tilt=0.0, count=240, arcs=12, point=0.0, shared=0.0, width=1.0):

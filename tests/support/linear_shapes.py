@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.infer.many.one_membrane.measured import Batch
-from capsbayes.infer.many.one_membrane.numbers import ShapeModel, Shapes, Slopes
+from capsbayes.infer.conditional import Batch, ShapeModel, Shapes, Slopes
 
 ALONG = np.array([[0.30, 1.7], [-0.25, 1.9], [0.1, -0.4]])  # of three numbers along ln Ca and a/l
 OF_MEMBRANE = np.array([0.4, 0.1, -0.3])

@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 from axisymmetric_shell import AxisymmetricShell
 
-from capsbayes.physics.capsule.element_integrals import integrals_over, rest_metric
-from capsbayes.physics.capsule.membrane_load import MembraneLoad
+from capsbayes.physics.load import MembraneLoad, integrals_over, rest_metric
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.surface import C_INF_V, octasphere
 

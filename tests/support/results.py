@@ -8,7 +8,7 @@ from polynomial_model import PolynomialModel
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Quadrature, identify
-from capsbayes.infer.many import Population
+from capsbayes.infer.population import Population
 from capsbayes.infer.posterior import REPORTED
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity

@@ -6,8 +6,7 @@ import numpy as np
 
 from capsbayes.diagnosis.session import Session
 from capsbayes.experiment import Experiment
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.quantity import Quantity
 

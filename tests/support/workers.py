@@ -48,7 +48,7 @@ class Controller:
 
 def give_back():
     """Forget models that are kept for later, and give freed memory back to the system where its C library can do so."""
-    kept = sys.modules.get("capsbayes.surrogate.surrogate")
+    kept = sys.modules.get("capsbayes.surrogate.open")
     for name in ("joint_surrogate", "corrected_membrane", "plain_membrane"):
         if kept is not None:
             getattr(kept, name).cache_clear()

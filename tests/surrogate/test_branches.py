@@ -4,7 +4,7 @@ import pytest
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.surrogate.branches import branches_of
+from capsbayes.surrogate.plane import branches_of
 
 
 def test_one_branch_holds_every_converged_case_and_no_more():

@@ -3,8 +3,8 @@ import numpy as np
 
 from capsbayes.database import Database
 from capsbayes.model import TWO_SHAPES, WRINKLES
-from capsbayes.surrogate.caveats import Caveats
-from capsbayes.surrogate.scaling import PlaneScaling
+from capsbayes.surrogate.diffuse import PlaneScaling
+from capsbayes.surrogate.plane import Caveats
 
 
 def caveats(dataset):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from capsbayes.surrogate import DomainOfExistence
-from capsbayes.surrogate.domain import Region
+from capsbayes.surrogate.plane import Region
 
 MAIN = Region(
     np.array([0.8, 0.9, 1.0]),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.inversion import solve
+from capsbayes.surrogate.inverse import solve
 
 
 def fold(points, rows):

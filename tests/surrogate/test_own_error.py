@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.own_error import OwnError, mesh_error_of
+from capsbayes.surrogate.plane import OwnError, mesh_error_of
 
 RNG = np.random.default_rng(5)
 NODES = RNG.uniform(0, 10, (150, 2))

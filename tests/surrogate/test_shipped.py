@@ -7,7 +7,7 @@ from capsbayes.database import Database
 from capsbayes.model import TWO_SHAPES
 from capsbayes.profile import Profile
 from capsbayes.surrogate import Surrogate, inverse
-from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
+from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
 
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 

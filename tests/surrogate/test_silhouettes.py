@@ -10,10 +10,8 @@ from capsbayes.database import Database
 from capsbayes.effects import Halo
 from capsbayes.errors import InputError
 from capsbayes.surrogate import Surrogate
-from capsbayes.surrogate.branch_surrogate import OUTLINES, approximation_of
-from capsbayes.surrogate.branches import branches_of
-from capsbayes.surrogate.diffuse import leave_one_out
-from capsbayes.surrogate.scaling import PlaneScaling
+from capsbayes.surrogate.diffuse import PlaneScaling, leave_one_out
+from capsbayes.surrogate.plane import OUTLINES, approximation_of, branches_of
 
 LARGER = 1.1
 PLACE = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9])}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.table import HermiteTable
+from capsbayes.surrogate.diffuse import HermiteTable
 
 QUERIES = np.random.default_rng(2).uniform([0.05, 0.05], [0.95, 1.95], (500, 2))
 LOW, HIGH = np.array([0.0, 0.0]), np.array([1.0, 2.0])

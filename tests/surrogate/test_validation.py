@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from capsbayes.cli.validate import validate
 from capsbayes.database import Database
-from capsbayes.surrogate.validation import LeaveOneOut, even_subset, validate_forward_map, validate_inverse
+from capsbayes.surrogate.plane import LeaveOneOut, even_subset, validate_forward_map, validate_inverse
 
 EVIDENCE = Path(__file__).parents[2] / "docs" / "evidence.md"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.stokes import WallDiscretisation
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +40,7 @@ def test_steady_state_keeps_its_promises(ovalbumin):
 @pytest.mark.slow
 def test_pressure_drop_by_reciprocity_is_that_of_the_far_field(ovalbumin):
     """The reciprocal theorem gives the pressure drop that the disturbance shows at the channel's ends."""
-    from capsbayes.physics.capsule.pressure import pressure_of_disturbance, pressures
-    from capsbayes.physics.capsule.steady_state import Iterate
+    from capsbayes.physics.steady import Iterate, pressure_of_disturbance, pressures
 
     simulator = Simulator(refinement=8)
     mesh = simulator.problem.mesh

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
-from capsbayes.physics.capsule.problem import Problem
+from capsbayes.physics.channel import CircularChannel, RectangularChannel, RoundedSquareChannel, SquareChannel
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
-from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.physics.stokes.single_layer import SingleLayer
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.steady import Problem
+from capsbayes.physics.stokes import SingleLayer, WallDiscretisation
 from capsbayes.physics.surface import octasphere
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)

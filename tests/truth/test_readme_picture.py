@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capsbayes import Experiment, MembraneSurrogate, identify, measure
-from capsbayes.measured_outline import SILHOUETTE
+from capsbayes.measurement import SILHOUETTE
 
 PICTURES = Path(__file__).parents[2] / "examples" / "pictures"
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from capsbayes.evidence.verification.simple_shear import taylor_deformation
-from capsbayes.physics.capsule.problem import Problem
-from capsbayes.physics.capsule.transient import transient
+from capsbayes.physics.channel import ShearFlow
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.shear import ShearFlow
+from capsbayes.physics.steady import Problem
+from capsbayes.physics.transient import transient
 
 
 def deformations(capillary_number, times, refinement=4):

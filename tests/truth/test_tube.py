@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.capsule.transient import growth_rates
-from capsbayes.physics.continuation.branches import parachute
-from capsbayes.physics.stokes.circular import FourfoldTube
+from capsbayes.physics.channel import FourfoldTube
+from capsbayes.physics.continuation import parachute
+from capsbayes.physics.load import profile
+from capsbayes.physics.steady import steady_state
+from capsbayes.physics.transient import growth_rates
 
 DOCS = Path(__file__).parents[2] / "docs"
 

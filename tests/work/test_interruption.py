@@ -8,8 +8,8 @@ from analytic_simulator import AnalyticSimulator
 from processes import members, python, wait_until
 
 from capsbayes.interruption import Interrupted, keeping
-from capsbayes.physics.databases.sweep import CaseRunner
-from capsbayes.work import Store, resumable
+from capsbayes.physics.build import CaseRunner
+from capsbayes.run import Store, resumable
 
 HANGS = """
 import ctypes, sys
@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from capsbayes import cli
 from capsbayes.interruption import keeping
-from capsbayes.work import run_tasks
+from capsbayes.run import run_tasks
 
 def hang(name):
     Path(name).touch()

@@ -7,13 +7,14 @@ import sys
 import pytest
 from processes import python
 
+from capsbayes import run as lock
 from capsbayes.errors import InputError
-from capsbayes.work import lock, only_run
+from capsbayes.run import only_run
 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from capsbayes.work import only_run
+from capsbayes.run import only_run
 with only_run(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(1000)

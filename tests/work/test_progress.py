@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from capsbayes.work import progress_bar, tracked
+from capsbayes.run import progress_bar, tracked
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from capsbayes import run as steps
 from capsbayes.quantity import Quantity
-from capsbayes.work import Store, digest_of, remembered, run_tasks, step_task, steps, steps_kept
+from capsbayes.run import Store, digest_of, remembered, run_tasks, step_task, steps_kept
 
 calls = []
 

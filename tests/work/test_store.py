@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import DatabaseError
-from capsbayes.work import Store
+from capsbayes.run import Store
 
 VALUES = {
     "nodes": np.random.default_rng(1).random((5, 3)),

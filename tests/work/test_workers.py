@@ -7,8 +7,9 @@ from functools import partial
 
 import pytest
 
+from capsbayes import run as workers
 from capsbayes.errors import InputError
-from capsbayes.work import run_tasks, workers
+from capsbayes.run import run_tasks
 
 TASKS = [partial(divmod, number) for number in (7, 8, 9)]
 
@@ -46,7 +47,7 @@ def test_the_share_of_a_container_counts_as_cores(limit, cores, tmp_path, monkey
 SCRIPT = """
 import dataclasses
 from functools import partial
-from capsbayes.work import run_tasks
+from capsbayes.run import run_tasks
 
 print("started")
 

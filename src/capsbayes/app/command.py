@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from capsbayes.work.progress import LINES, line_read
+from capsbayes.run import LINES, line_read
 
 LONGEST = 1800.0
 """Seconds of a command."""

@@ -12,9 +12,8 @@ from fastapi.responses import FileResponse
 
 from capsbayes.app.stated import EXPERIMENT, Stated, said
 from capsbayes.app.worker import Worker
-from capsbayes.camera import Camera
 from capsbayes.errors import CapsbayesError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Camera, Experiment
 from capsbayes.files.output_file import guarded
 
 MOST_BYTES = 2**29

@@ -17,17 +17,14 @@ from capsbayes.database import Database
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import guarded, together
-from capsbayes.image.detection import Detection
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect, measurement_of, write_detection
 from capsbayes.image.synthetic import Optics, Scene, draw
-from capsbayes.image.written import write_detection
 from capsbayes.infer import Membrane, Posterior, Prior
-from capsbayes.infer.identify import identify
-from capsbayes.infer.other_laws import with_other_laws
-from capsbayes.infer.outline.misfit import band
-from capsbayes.measured_outline import MID_PLANE
-from capsbayes.measurement import Measurement
+from capsbayes.infer.identify import identify, with_other_laws
+from capsbayes.infer.outline import band
+from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
 from capsbayes.show.figures.corner import SHOWN, corner_plot

@@ -14,12 +14,11 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.recording import is_film
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.detection import Detection
-from capsbayes.image.files.film import Film
-from capsbayes.image.files.picture import Picture
-from capsbayes.image.files.rtdc import RtdcFile
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Film, Picture
 from capsbayes.image.measure import detect, turned
 from capsbayes.image.overlay import png_of
+from capsbayes.image.rtdc import RtdcFile
 from capsbayes.image.synthetic import Optics, Scene, draw
 
 _WIDEST = 1600  # px of the picture on the page

@@ -22,9 +22,9 @@ def atlas(
     from rich.console import Console
 
     from capsbayes.database import Database
+    from capsbayes.run import resumable
     from capsbayes.show.figures.atlas import atlas as figures_of
     from capsbayes.show.figures.style import write_figure
-    from capsbayes.work import resumable
 
     whole = Database.open(database)
     with resumable(out), Console(stderr=True).status("Drawing ..."):

@@ -32,7 +32,8 @@ from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
-    from capsbayes.infer.many import Hierarchy, Population
+    from capsbayes.infer.hierarchy import Hierarchy
+    from capsbayes.infer.population import Population
 
 
 _SHOWN = ("median", "lower_quartile", "upper_quartile", "error", "unit")
@@ -82,8 +83,7 @@ def batch(
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.infer import Prior
-    from capsbayes.infer.many import identify_folder
-    from capsbayes.infer.many.listing import cross_section_and_view, pictures_of
+    from capsbayes.infer.batch import cross_section_and_view, identify_folder, pictures_of
 
     stated = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
     speeds = {"--velocity": velocity, "--shared-velocity": shared_velocity, "--flow-rate": flow_rate}
@@ -137,7 +137,7 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 
 
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
-    from capsbayes.infer.many.sampled import Compared
+    from capsbayes.infer.batch import Compared
     from capsbayes.show.tables.table import print_parts
     from capsbayes.show.terminal.population import hierarchy_parts, population_parts
 

@@ -49,7 +49,7 @@ def build(
 
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
-    from capsbayes.physics.databases.build import build_database
+    from capsbayes.physics.build import build_database
 
     chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
     _require("--compare", compare is None or compare > simulator.refinement, "more than --refinement", compare)
@@ -82,7 +82,7 @@ def report(make: Callable[[], Database], out: Path, *, as_json: bool) -> None:
 
 
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
-    from capsbayes.physics.databases.grid import default_grid, read_cases
+    from capsbayes.physics.build import default_grid, read_cases
 
     if (cases is None) == (grid is None):
         raise InputError("build", "--cases, --grid", "one of the two", "neither" if cases is None else "both")

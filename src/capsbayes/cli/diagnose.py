@@ -17,7 +17,7 @@ from capsbayes.show.writers import Writer, json_file
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session
-    from capsbayes.effect import Effect
+    from capsbayes.model import Effect
 
 
 def diagnose(
@@ -56,9 +56,9 @@ def diagnose(
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.effects import catalogue
+    from capsbayes.run import progress_bar, resumable
     from capsbayes.show import study_page
     from capsbayes.show.terminal.study import study_parts
-    from capsbayes.work import progress_bar, resumable
 
     session = Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section
@@ -88,7 +88,7 @@ def diagnose(
 
 def _view(session: Session) -> str:
     """Return the view of the outlines of a session, the mid-plane if there are none."""
-    from capsbayes.measured_outline import MID_PLANE
+    from capsbayes.measurement import MID_PLANE
 
     outlines = (measurement.outline for measurement in session.measurements)
     views = sorted({outline.view for outline in outlines if outline is not None})

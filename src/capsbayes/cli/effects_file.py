@@ -17,8 +17,7 @@ from capsbayes.cli.paths import Reads
 from capsbayes.errors import BrokenPromiseError, InputError
 
 if TYPE_CHECKING:
-    from capsbayes.effect import Effect
-    from capsbayes.model import ForwardModel
+    from capsbayes.model import Effect, ForwardModel
 
 EffectsFile = Annotated[
     Path | None,
@@ -146,7 +145,7 @@ def _effects_of(path: Path, module: ModuleType) -> Iterator[tuple[str, Effect]]:
 
 def _parts() -> tuple[str, ...]:
     """Return the names of what an effect has besides its call."""
-    from capsbayes.effect import Effect
+    from capsbayes.model import Effect
 
     return tuple(name for name, value in vars(Effect).items() if isinstance(value, property))
 

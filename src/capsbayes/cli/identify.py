@@ -83,12 +83,12 @@ def identify(
     from capsbayes.files.input_file import PICTURES
     from capsbayes.infer import Membrane, Prior
     from capsbayes.infer import identify as identified
-    from capsbayes.infer.other_laws import prepare, with_other_laws
+    from capsbayes.infer.identify import prepare, with_other_laws
     from capsbayes.measurement import Measurement
+    from capsbayes.run import resumable
     from capsbayes.show.terminal.posterior import posterior_parts
     from capsbayes.show.words.posterior import status_words
     from capsbayes.show.writers import posterior_files
-    from capsbayes.work import resumable
 
     speeds = {"--velocity": velocity, "--flow-rate": flow_rate}
     if is_picture(capsule):

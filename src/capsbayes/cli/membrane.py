@@ -57,11 +57,11 @@ def membrane(
 
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
-    from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
-    from capsbayes.measurements import read_set
+    from capsbayes.infer.shared_membrane import identify_membrane
+    from capsbayes.measurement_sets import read_set
+    from capsbayes.run import progress_bar, resumable
     from capsbayes.show.figures.membrane import membrane_figure
     from capsbayes.show.terminal.membrane import membrane_parts
-    from capsbayes.work import progress_bar, resumable
 
     measured = read_set(capsules, experiment)
     with resumable(out):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capsbayes.infer import Membrane, Prior
     from capsbayes.measurement import Measurement
     from capsbayes.model import ForwardModel
-    from capsbayes.physics.capsule.membrane_load import BendingEnergy
+    from capsbayes.physics.load import BendingEnergy
     from capsbayes.plan import LabErrors
     from capsbayes.quantity import Quantity
     from capsbayes.surrogate import EffectSurrogate, Surrogate
@@ -214,7 +214,7 @@ def effort_of(
     given = {name: value for name, value in stated.items() if value is not None}
     if not given:
         return None
-    from capsbayes.infer.sampling.ensembles import Effort
+    from capsbayes.infer.sampling import Effort
 
     effort = Effort(**given)
     if effort.steps > effort.budget:
@@ -257,7 +257,7 @@ def simulator_of(
     from capsbayes.physics.membrane import law_named
 
     membrane = law_named(law)
-    from capsbayes.physics.simulation import Simulator  # slow to import: after the check of the law
+    from capsbayes.physics.simulator import Simulator
 
     return Simulator(
         law=membrane,
@@ -303,8 +303,7 @@ def lab_of(
     """
     from capsbayes.experiment import Experiment
     from capsbayes.infer import Membrane
-    from capsbayes.measured_outline import OutlineNoise
-    from capsbayes.measurement import Measurement
+    from capsbayes.measurement import Measurement, OutlineNoise
     from capsbayes.plan import LabErrors
 
     outline = {"--outline-error": outline_error, "--outline-correlation": outline_correlation}
@@ -439,7 +438,7 @@ def named_experiment(measurement: Measurement, experiment: Path | None) -> Exper
 
 def named_model(database: str | None, cross_section: str, view: str | None = None) -> Surrogate | EffectSurrogate:
     """Return the model of the option ``--database``; default: neo-Hookean, with this cross-section."""
-    from capsbayes.measured_outline import MID_PLANE
+    from capsbayes.measurement import MID_PLANE
     from capsbayes.surrogate import Surrogate
 
     return Surrogate.open(database or f"{cross_section}-neo-hookean", view=view or MID_PLANE)
@@ -453,7 +452,7 @@ def membrane_of(stated: Membrane | None, options: list[str] | None, option_name:
     InputError
         On an option that is neither a law nor NAME=TEXT.
     """
-    from capsbayes.infer.membrane import KEYS, Membrane
+    from capsbayes.infer.prior import KEYS, Membrane
 
     texts = {}
     for option in options or []:
@@ -476,7 +475,7 @@ def capsule_model(
     InputError
         If both are given.
     """
-    from capsbayes.measured_outline import MID_PLANE
+    from capsbayes.measurement import MID_PLANE
     from capsbayes.surrogate import MembraneSurrogate
 
     if membrane is None:

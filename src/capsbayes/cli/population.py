@@ -13,7 +13,8 @@ from capsbayes.cli.paths import Reads
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
-    from capsbayes.infer.many import Hierarchy, Population
+    from capsbayes.infer.hierarchy import Hierarchy
+    from capsbayes.infer.population import Population
 
 _ENOUGH = 10  # capsules, for a population to be inferred unasked
 
@@ -49,9 +50,10 @@ def population(
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
     from capsbayes.experiment import Experiment
-    from capsbayes.infer.many import Population, hierarchy
+    from capsbayes.infer.hierarchy import hierarchy
+    from capsbayes.infer.population import Population
+    from capsbayes.run import only_run
     from capsbayes.surrogate import Surrogate
-    from capsbayes.work import only_run
 
     if not capsules.exists():
         raise InputError(str(capsules), "", "the file of a population", "nothing there")
@@ -82,7 +84,7 @@ def population(
 
 def together(read: Population, out: Path, *, seed: int) -> Hierarchy | None:
     """Infer what capsules have in common and store it with them; None if they are few, or of several experiments."""
-    from capsbayes.infer.many import hierarchy
+    from capsbayes.infer.hierarchy import hierarchy
 
     if int(read.usable.sum()) < _ENOUGH:
         return None

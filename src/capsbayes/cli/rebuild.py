@@ -31,8 +31,8 @@ def rebuild(
     Exit status: 0 done, 1 not one case converged, 2 bad input.
     """
     from capsbayes.cli.build import report
-    from capsbayes.physics.databases.membranes import MEMBRANES, build_membranes
-    from capsbayes.physics.databases.recipes import build_shipped
+    from capsbayes.physics.recipes import build_shipped
+    from capsbayes.physics.scattered import MEMBRANES, build_membranes
 
     if name in MEMBRANES:
         states = build_membranes(name, out=out, scheduler=scheduler, workers=workers).as_dict()

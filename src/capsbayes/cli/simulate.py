@@ -13,7 +13,7 @@ from capsbayes.cli.paths import Writes
 from capsbayes.files.output_file import together
 
 if TYPE_CHECKING:
-    from capsbayes.physics.simulation import SteadyState
+    from capsbayes.physics.simulator import SteadyState
 
 
 @with_options_of(simulator_of, "simulator")

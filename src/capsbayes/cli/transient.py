@@ -15,7 +15,7 @@ from capsbayes.files.output_file import together
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capsbayes.physics.simulation.snapshot import Snapshot
+    from capsbayes.physics.simulator import Snapshot
 
 
 @with_options_of(simulator_of, "simulator")
@@ -40,7 +40,7 @@ def transient(
 
     The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.physics.simulation.snapshot import save_series
+    from capsbayes.physics.simulator import save_series
     from capsbayes.show.tables.table import print_parts
     from capsbayes.show.tables.table import table as rendered
 
@@ -72,7 +72,7 @@ def transient(
 
 def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
     """Return all snapshots; show a progress bar on a terminal."""
-    from capsbayes.work.progress import progress_bar
+    from capsbayes.run import progress_bar
 
     snapshots = []
     with progress_bar(until, "l / U") as update:
@@ -104,7 +104,7 @@ def _record(snapshot: Snapshot) -> dict[str, float]:
 
 
 def _end(last: Snapshot) -> str:
-    from capsbayes.physics.capsule.transient import STEADY
+    from capsbayes.physics.transient import STEADY
 
     if last.speed < STEADY:
         return "Steady."

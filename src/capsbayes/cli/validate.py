@@ -18,7 +18,7 @@ from capsbayes.show.writers import Writer, figure_file, json_file
 if TYPE_CHECKING:
     import pandas as pd
 
-    from capsbayes.surrogate.validation import LeaveOneOut
+    from capsbayes.surrogate.plane import LeaveOneOut
 
 Studies = dict[str, list["LeaveOneOut"]]
 
@@ -36,9 +36,9 @@ def validate(
     from rich.console import Console
 
     from capsbayes.database import Database
+    from capsbayes.run import resumable
     from capsbayes.show.figures.error_maps import heat_maps
-    from capsbayes.surrogate.validation import even_subset, validate_forward_map, validate_inverse
-    from capsbayes.work import resumable
+    from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
 
     whole = Database.open(database)
     if whole.effect != "none":
@@ -57,7 +57,7 @@ def validate(
 
 
 def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
-    from capsbayes.surrogate.validation import CHOICES, PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
+    from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
 
     rows = []
     for name, pair in studies.items():
@@ -75,7 +75,7 @@ def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
 
 def _table(studies: Studies) -> pd.DataFrame:
     from capsbayes.show.tables.table import Symbols, table
-    from capsbayes.surrogate.validation import CHOICES, PAPER_ERRORS
+    from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS
 
     rows = []
     for name, pair in studies.items():

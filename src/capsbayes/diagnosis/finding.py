@@ -1,35 +1,357 @@
-"""Deviations from a model that all capsules of a session have in common after each was fitted.
-
-A deviation is an amplitude that the capsules have in common: of a displacement
-of one region of the outline, after the best Ca and a/l of each capsule have
-absorbed what they can, or of a trend of the apparent shear modulus with velocity
-or size. Each capsule contributes one number. Their scatter, not the stated noise,
-says how surprising their sum is, so that noise that is correlated along the
-outline, heavy-tailed or wrongly stated makes no claims; and since under a right
-model each contribution is as likely positive as negative, changing their signs
-at random gives the distribution of the largest of all deviations.
-
-The model's own error is not independent from capsule to capsule. It is taken as
-common to all of them, in the direction that hurts most.
-"""
+"""Where the capsules of a session disagree with a model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
 from scipy.stats import beta, binom, norm
 
 from capsbayes.arrays import Floats, Integers
-from capsbayes.diagnosis.discrepancy import Discrepancy
 from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.regions import REGIONS, Displaced, displaced_regions
-from capsbayes.diagnosis.session import Session
-from capsbayes.diagnosis.whitening import Whitening
-from capsbayes.model import ForwardModel
+from capsbayes.diagnosis.scores import (
+    REACH,
+    REGIONS,
+    Discrepancy,
+    Displaced,
+    Measured,
+    Outcome,
+    Profile,
+    Scores,
+    displaced_regions,
+    log_of_measured,
+    whitening,
+)
+from capsbayes.diagnosis.session import OfOutline, Session, Whitening
+from capsbayes.model import Effect, FixedParameters, ForwardModel, Unseen
+
+# Joint estimate of two effects: the likeliest sizes of both, and the profile likelihood of each.
+#
+# The log likelihood of both sizes is climbed by parabolas through six points, from the likeliest of a few starts: where
+# one effect absorbs most of the other, both may be far from the sizes found one after the other. Through the top runs,
+# for each of the effects, the line on which the other has its likeliest size; along these lines both are scored
+
+_DESIGN = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
+_APART = 1.5  # of these points, in standard errors of one size at a fixed other
+_CLIMBS = 4
+_STARTS = (0.25, 0.5, 0.75)  # sizes of the second, over its range, at which the first is sought anew
+_FARTHEST = 4.0  # in units of the design
+_NEAR = 0.3  # the same
+_SIGMAS = (-4.5, -2.2, -1.0, 0.0, 1.0, 2.2, 4.5)  # standard errors, at which each effect is scored
+
+
+class _Top(NamedTuple):
+    """Likeliest sizes (2,), and their covariance (2, 2) by a parabola."""
+
+    sizes: Floats
+    covariance: Floats
+
+
+def score_jointly(
+    model: ForwardModel,
+    first: Scores,
+    second: Scores,
+    session: Session,
+    white: Whitening,
+    alone: Fits,
+    measured: Measured,
+) -> tuple[Scores, Scores]:
+    """Score two effects jointly on a model without either; each is maximised over the size of the other."""
+    # The first was scored alone, the second with the first at its size. `alone` are the fits of the model with the
+    # first alone at its size: what the second is measured against.
+    pair = _Pair(model, (first, second), session, white, alone, measured)
+    top = pair.climbed()
+    without_second = Outcome.of(alone), first.size
+    held = FixedParameters(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
+    without_first = Outcome.of(fitted(held, session, white)), float(top.sizes[1])
+    return pair.along(0, top, *without_first), pair.along(1, top, *without_second)
+
+
+class _Pair:
+    """Log likelihood as a function of the sizes of two effects, with a cache."""
+
+    def __init__(
+        self,
+        model: ForwardModel,
+        scores: tuple[Scores, Scores],
+        session: Session,
+        white: Whitening,
+        alone: Fits,
+        measured: Measured,
+    ) -> None:
+        self.model = model + scores[0].effect + scores[1].effect
+        self.scores, self.session, self.white, self.measured = scores, session, white, measured
+        self.names = [score.effect.parameter.name for score in scores]
+        priors = [score.effect.prior for score in scores]
+        self.low, self.high = (np.array([float(prior.ppf(end)) for prior in priors]) for end in REACH)
+        self.scale = np.array([max(0.5 * np.ptp(score.interval()), 1e-6 * np.ptp(score.sizes)) for score in scores])
+        self._start = alone.theta
+        self._known: dict[tuple[float, ...], Outcome] = {}
+
+    def __call__(self, sizes: Floats) -> Outcome:
+        """Fit the capsules with both effects at given sizes (2,)."""
+        key = tuple(sizes.tolist())
+        if key not in self._known:
+            named = dict(zip(self.names, key, strict=True))
+            first = not self._known
+            fits = fitted(self.model, self.session, self.white, named, self._start, everywhere=first)
+            self._known[key] = Outcome.of(fits)
+            if first:
+                self._start = fits.theta
+        return self._known[key]
+
+    def total(self, sizes: Floats) -> float:
+        """Return the log likelihood of all measurements."""
+        return float(self(sizes).log_likelihood.sum() + self._elsewhere(sizes))
+
+    def climbed(self) -> _Top:
+        """Find the likeliest sizes of both."""
+        step = np.minimum(_APART * self.scale, 0.25 * (self.high - self.low))
+        centre = self._begun(step)
+        covariance = np.diag(self.scale**2)
+        for _ in range(_CLIMBS):
+            centre = np.clip(centre, self.low + step, self.high - step)
+            totals = np.array([self.total(centre + step * point) for point in _DESIGN])
+            top, bend = _parabola(totals)
+            away = float(np.abs(top).max())
+            if np.all(np.linalg.eigvalsh(bend) < 0.0):
+                covariance = np.outer(step, step) * np.linalg.inv(-bend)
+                centre = centre + step * top * min(1.0, _FARTHEST / max(away, _FARTHEST))
+            else:
+                centre, away = centre + step * _DESIGN[np.argmax(totals)], np.inf
+            if away < _NEAR:
+                break
+        return _Top(np.clip(centre, self.low, self.high), covariance)
+
+    def _begun(self, step: Floats) -> Floats:
+        """Return the likeliest (2,) of the sizes found one after the other, and of the first sought anew at others."""
+        starts = [np.array([score.size for score in self.scores])]
+        first = np.clip(starts[0][0], self.low[0] + step[0], self.high[0] - step[0])
+        for share in _STARTS:
+            second = self.low[1] + share * (self.high[1] - self.low[1])
+            left, here, right = (self.total(np.array([first + side * step[0], second])) for side in (-1.0, 0.0, 1.0))
+            bend = left - 2.0 * here + right
+            away = 0.5 * (left - right) / bend if bend < 0.0 else np.sign(right - left) * _FARTHEST
+            size = first + step[0] * np.clip(away, -_FARTHEST, _FARTHEST)
+            starts.append(np.clip(np.array([size, second]), self.low, self.high))
+        return max(starts, key=self.total)
+
+    def along(self, which: int, top: _Top, without: Outcome, other_without: float) -> Scores:
+        """Score one of the effects with the other at its likeliest size; `without` has the other alone."""
+        other = 1 - which
+        error = float(np.sqrt(top.covariance[which, which]))
+        slope = top.covariance[which, other] / top.covariance[which, which]
+        null = self.scores[which].effect.null_value
+        rows: dict[float, tuple[Outcome, float]] = {}
+        for sigma in _SIGMAS:
+            sizes = np.array(top.sizes)
+            sizes[which] = np.clip(sizes[which] + sigma * error, self.low[which], self.high[which])
+            sizes[other] = np.clip(
+                sizes[other] + slope * (sizes[which] - top.sizes[which]), self.low[other], self.high[other]
+            )
+            rows[float(sizes[which])] = self(sizes), self._elsewhere(sizes)
+        at_null = np.empty(2)
+        at_null[which], at_null[other] = null, other_without
+        rows[null] = without, self._elsewhere(at_null)
+        sizes = np.array(sorted(rows))
+        tried, elsewhere = zip(*(rows[size] for size in sizes), strict=True)
+        return Scores(
+            self.scores[which].effect,
+            sizes,
+            np.array([outcome.log_likelihood for outcome in tried]),
+            np.array(elsewhere),
+            np.array([outcome.modulus for outcome in tried]),
+        )
+
+    def _elsewhere(self, sizes: Floats) -> float:
+        return sum(
+            float(log_of_measured(size, self.measured.get(name))) for name, size in zip(self.names, sizes, strict=True)
+        )
+
+
+def _parabola(totals: Floats) -> tuple[Floats, Floats]:
+    """Return the top (2,) and the second derivatives (2, 2) of the parabola through the points of the design."""
+    here, right, left, up, down, both = totals
+    slope = 0.5 * np.array([right - left, up - down])
+    mixed = both - right - up + here
+    bend = np.array([[right + left - 2.0 * here, mixed], [mixed, up + down - 2.0 * here]])
+    return np.linalg.lstsq(-bend, slope, rcond=None)[0], bend
+
+
+# Error of an effect's size by the model's own error, which all capsules of a session share
+
+_STEP = 0.5  # of the half width of the 68 % interval
+
+
+def with_own_error(model: ForwardModel, scores: Scores, session: Session) -> Scores:
+    """Return the scores of an effect, added to a model, with the error of its size due to the model's own error."""
+    return replace(scores, own_error=own_size_error(model, scores, session))
+
+
+def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> float:
+    """Return the standard error of an effect's size by the model's own error, if that is the same in all capsules."""
+    # Where an outline changes with the size, after Ca and a/l have absorbed what they can, the own error of each
+    # capsule is taken in the direction that changes the size; zero without outlines.
+    name = scores.effect.parameter.name
+    extended = model + scores.effect
+    low, high = scores.profile_interval()
+    away = _STEP * max(0.5 * (high - low), 1e-4 * float(np.ptp(scores.sizes)))
+    step = away if scores.size + away <= scores.sizes[-1] else -away
+    white = whitening(FixedParameters(extended, {name: scores.size}), session)
+    here = fitted(extended, session, white, {name: scores.size})
+    there = fitted(extended, session, white, {name: scores.size + step}, here.theta, everywhere=False)
+    moved, weight = 0.0, (2.0 / (high - low)) ** 2 if high > low else 0.0
+    seen_change = 0.0
+    for row in np.flatnonzero(here.settled & there.settled):
+        seen = white.each[row]
+        if isinstance(seen, OfOutline):
+            change = (there.residuals[row] - here.residuals[row]) / step
+            moved += float(np.linalg.norm(seen.errors_of_model() @ change))
+            seen_change += float(change @ change)
+    weight = max(weight, seen_change)  # the former counts the scatter of G_s too
+    return moved / weight if weight > 0.0 else 0.0
+
+
+# Effects that could hide in a session: how large each may be without contradicting the capsules
+
+TWO_SIGMA = 1.92
+"""Fall of the log likelihood at the ends of a 95 % interval."""
+
+_FIRST = 16.0  # part of the prior's reach on one side, at which an effect is tried first
+_FURTHER = 2.0  # factor from one size to the next
+_ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
+
+
+def limit_scores(
+    model: ForwardModel,
+    candidates: Mapping[str, Effect],
+    session: Session,
+    white: Whitening,
+    without: Fits,
+    measured: Measured,
+) -> dict[str, Scores]:
+    """Score effects at sizes from the null value on, as far as the capsules of a session allow; omit those not seen."""
+    # Whitening and fits are the model's; what was `measured` elsewhere counts.
+    return {
+        name: _profiled(Profile(model, effect, session, white, without, measured.get(name)))
+        for name, effect in candidates.items()
+        if not isinstance(effect, Unseen)
+    }
+
+
+def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
+    """Return a row for each effect, that which could change G_s most first, indexed by the name of its parameter."""
+    rows = {}
+    for name, found in scores.items():
+        low, high = found.interval(TWO_SIGMA)
+        changes = np.exp(found.log_modulus_change((low, high)))
+        if np.isnan(changes).any() or not np.isfinite(found.modulus[found.null]):
+            continue
+        least, most = (float(found.effect.prior.ppf(share)) for share in REACH)
+        null = found.effect.null_value
+        rows[name] = {
+            "effect": found.effect.name,
+            "low": low,
+            "high": high,
+            "unit": found.effect.parameter.unit,
+            **dict(zip(("modulus_at_low", "modulus_at_high"), map(float, changes), strict=True)),
+            "unbounded": bool(low <= least < null or high >= most > null),
+        }
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    if table.empty:
+        return table
+    change = np.abs(np.log(table[["modulus_at_low", "modulus_at_high"]])).max(axis=1)
+    return table.loc[change.sort_values(ascending=False).index]
+
+
+def _profiled(profile: Profile) -> Scores:
+    """Add sizes from the null value on, as far as the capsules allow them, then sizes about the best."""
+    null = profile.effect.null_value
+    for end in (float(profile.effect.prior.ppf(share)) for share in REACH):
+        share = 1.0 / _FIRST
+        while share <= 1.0 and end != null:
+            size = null + share * (end - null)
+            profile.add(size)
+            found = profile.scores
+            if found.total[found.sizes == size] < found.total.max() - _ENOUGH * TWO_SIGMA:
+                break
+            share *= _FURTHER
+    profile.refine()
+    return profile.scores
+
+
+# Shear modulus of a session, with what is not known of the effect, of its size, and of the viscosity
+
+_DRAWS = 4000
+_FEWEST_CAPSULES = 3  # capsules, whose scatter tells the error of their median
+_OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
+
+
+class Change(Protocol):
+    """What changes G_s: an effect, or something else."""
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of ln G_s : (count,) array."""
+        ...
+
+
+Explanation = Sequence[Change]
+"""What acts together; empty for nothing."""
+
+
+@dataclass(frozen=True)
+class SessionModulus:
+    """Median G_s of the capsules of a session [N/m], and its 95 % interval."""
+
+    median: float
+    low: float
+    high: float
+
+
+def session_modulus(
+    explanations: Sequence[tuple[float, Explanation]],
+    without: Floats,
+    viscosity_error: float,
+    seed: int,
+) -> SessionModulus:
+    """Return the median G_s, averaged over explanations of given weights."""
+    # `without` (n,) [N/m] are the apparent G_s without an effect, NaN where the model has no shape; the relative error
+    # of the viscosity is common to all capsules.
+    rng = np.random.default_rng([seed, len(without)])
+    weights = np.array([weight for weight, _ in explanations])
+    logs = np.log(without[np.isfinite(without)])
+    if len(logs) < _FEWEST_CAPSULES:
+        return SessionModulus(*(3 * [float("nan")]))
+    counts = rng.multinomial(_DRAWS, weights / weights.sum())
+    drawn = np.concatenate(
+        [
+            np.median(logs) + sum((change.log_modulus_changes(rng, count) for change in changes), start=np.zeros(count))
+            for count, (_, changes) in zip(counts, explanations, strict=True)
+        ]
+    )
+    error = _OF_MEDIAN * logs.std(ddof=1) / np.sqrt(len(logs))
+    drawn += error * rng.standard_t(len(logs) - 1, _DRAWS)
+    drawn += viscosity_error * rng.standard_normal(_DRAWS)
+    low, median, high = np.exp(np.quantile(drawn, (0.025, 0.5, 0.975)))
+    return SessionModulus(float(median), float(low), float(high))
+
+
+# Deviations from a model that all capsules of a session have in common after each was fitted.
+#
+# A deviation is an amplitude that the capsules have in common: of a displacement
+# of one region of the outline, after the best Ca and a/l of each capsule have
+# absorbed what they can, or of a trend of the apparent shear modulus with velocity
+# or size. Each capsule contributes one number. Their scatter, not the stated noise,
+# says how surprising their sum is, so that noise that is correlated along the
+# outline, heavy-tailed or wrongly stated makes no claims; and since under a right
+# model each contribution is as likely positive as negative, changing their signs
+# at random gives the distribution of the largest of all deviations.
+#
+# The model's own error is not independent from capsule to capsule. It is taken as
+# common to all of them, in the direction that hurts most
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors

@@ -1,25 +1,56 @@
-"""Best shape of a model for each capsule, and its residuals.
-
-Each capsule has its own Ca and a/l; they are found for all capsules together,
-so that many models can be compared. The residuals are whitened, with a
-covariance that is kept for all models that are compared.
-"""
+"""Fits of a session by a model, and trends of what they leave."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
+from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.diagnosis.flow import FlowOffsets, flow_offsets
-from capsbayes.diagnosis.places import Evaluation, Places, initial_guesses
-from capsbayes.diagnosis.session import Session
-from capsbayes.diagnosis.whitening import Whitening
+from capsbayes.diagnosis.session import (
+    Evaluation,
+    FlowOffsets,
+    Places,
+    Session,
+    Whitening,
+    flow_offsets,
+    initial_guesses,
+)
 from capsbayes.model import ForwardModel
-from capsbayes.work import remembered
+from capsbayes.run import remembered
+
+# Features of a squared-exponential Gaussian process over a few coordinates, about a lattice of inducing points
+
+_POINTS = 3  # of the lattice along each coordinate
+_JITTER = 1e-8
+
+
+def smooth_features(places: Floats, lengths: Floats) -> Floats:
+    """Return features (n, 3^d) of places (n, d) whose products are the covariances of a process of variance one."""
+    # The covariance is projected onto a lattice over the range of the places (Quiñonero-Candela & Rasmussen 2005, J.
+    # Mach. Learn. Res. 6, 1939), good where this range is no more than a few length scales (d,).
+    low, high = places.min(axis=0) / lengths, places.max(axis=0) / lengths
+    axes = [np.linspace(*ends, _POINTS) for ends in zip(low, high, strict=True)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lengths))
+    within = _kernel(lattice, lattice) + _JITTER * np.eye(len(lattice))
+    factor = np.linalg.cholesky(within)
+    return np.asarray(scipy.linalg.solve_triangular(factor, _kernel(lattice, places / lengths), lower=True).T)
+
+
+def _kernel(first: Floats, second: Floats) -> Floats:
+    return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, axis=-1)))
+
+
+# Best shape of a model for each capsule, and its residuals.
+#
+# Each capsule has its own Ca and a/l; they are found for all capsules together,
+# so that many models can be compared. The residuals are whitened, with a
+# covariance that is kept for all models that are compared
 
 _NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
@@ -134,3 +165,81 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
         *(places.points, residuals, slopes, log_modulus, size, along[:, 0]),
         *(covariance, log_volume, known, settled, freedom, flow),
     )
+
+
+# Trend of the apparent shear modulus with velocity and size: what lengths alone leave to something else
+
+_LENGTHS = np.array([0.7, 0.15])  # length scales of ln v_o and of a/l
+_AMPLITUDES = (0.05, 0.1, 0.2, 0.4)  # of ln G_s
+_SPREADS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of ln G_s between capsules
+_LEVEL = 3.0  # standard deviation of the mean of ln G_s
+_FEWEST = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """Apparent G_s of n capsules, against which a smooth function of velocity and a/l is tried."""
+
+    places: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): ln v_o and a/l
+    log_modulus: Floats = field(default_factory=lambda: np.zeros(0))  # (n,)
+    variance: Floats = field(default_factory=lambda: np.zeros(0))  # (n,): of ln G_s by the errors of measurement
+    shared: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): covariance of these errors and places
+
+    @classmethod
+    def of(cls, session: Session, fits: Fits) -> Trend:
+        """Collect it from the fits of a session."""
+        done = fits.settled & ~fits.ill
+        velocity = np.log(session.circumstances["capsule_velocity"])
+        shared = np.stack([np.square(session.velocity_errors), fits.covariance[:, 0, 1]], axis=1)
+        places = np.stack([velocity, fits.size], axis=1)
+        return cls(places[done], fits.log_modulus[done], fits.covariance[done, 0, 0], shared[done])
+
+    def __add__(self, other: Trend) -> Trend:
+        """Return that of the capsules of both."""
+        return Trend(
+            np.concatenate([self.places, other.places]),
+            np.concatenate([self.log_modulus, other.log_modulus]),
+            np.concatenate([self.variance, other.variance]),
+            np.concatenate([self.shared, other.shared]),
+        )
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of a trend relative to none; zero for a few capsules."""
+        if len(self.log_modulus) < _FEWEST:
+            return 0.0
+        values, variance = self._without_shared_errors()
+        features = np.hstack([_LEVEL * np.ones((len(values), 1)), smooth_features(self.places, _LENGTHS)])
+
+        def average(amplitudes: tuple[float, ...]) -> float:
+            found = [
+                _log_density(values, variance + spread**2, features * _scale(features, amplitude))
+                for amplitude, spread in product(amplitudes, _SPREADS)
+            ]
+            return float(logsumexp(found) - np.log(len(found)))
+
+        return average(_AMPLITUDES) - average((0.0,))
+
+    def _without_shared_errors(self) -> tuple[Floats, Floats]:
+        """Return ln G_s (n,) less its mean and what errors shared with the places make of it, and its variance."""
+        away = self.places - self.places.mean(axis=0)
+        spread = away.T @ away / len(away) + 1e-8 * np.eye(2)
+        slopes = np.linalg.solve(spread, self.shared.T).T
+        values = self.log_modulus - np.sum(slopes * away, axis=1)
+        variance = self.variance - np.sum(slopes * self.shared, axis=1)
+        return values - np.median(values), np.maximum(variance, 0.1 * self.variance)
+
+
+def _scale(features: Floats, amplitude: float) -> Floats:
+    """Return the factors of the features: one of the level, the amplitude of the others."""
+    return np.concatenate([[1.0], np.full(features.shape[1] - 1, amplitude)])
+
+
+def _log_density(values: Floats, variance: Floats, features: Floats) -> float:
+    """Return the log density of normal values (n,) of independent variances and a process of given features (n, r)."""
+    root = 1.0 / np.sqrt(variance)
+    seen = features * root[:, None]
+    factor = np.linalg.cholesky(np.eye(features.shape[1]) + seen.T @ seen)
+    explained = np.linalg.solve(factor, seen.T @ (values * root))
+    square = np.sum((values * root) ** 2) - explained @ explained
+    return float(-0.5 * square - np.sum(np.log(np.diag(factor))) + np.sum(np.log(root)))

@@ -11,15 +11,12 @@ import pandas as pd
 from scipy.stats import norm
 
 from capsbayes.arrays import Floats
-from capsbayes.diagnosis.comparison import Comparison
 from capsbayes.diagnosis.finding import Finding, find
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.noise import whitening
-from capsbayes.diagnosis.scoring import Measured, log_likelihood
-from capsbayes.diagnosis.search import AT_MOST, LEAST_RATIO, LEFT, Step, indistinguishable
+from capsbayes.diagnosis.scores import Measured, log_likelihood, whitening
+from capsbayes.diagnosis.search import AT_MOST, LEAST_RATIO, LEFT, Comparison, Step, indistinguishable
 from capsbayes.diagnosis.session import Session
-from capsbayes.effect import Effect
-from capsbayes.model import ForwardModel
+from capsbayes.model import Effect, ForwardModel
 
 _NOT_WORSE = 1.64  # standard errors by which an effect that was established elsewhere may fall behind
 _WORTH_A_LOOK = 0.5  # p-value of a deviation remaining in the first half, up to which it is tested on the second

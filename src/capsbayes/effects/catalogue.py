@@ -5,23 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 
 from capsbayes.database import Database
-from capsbayes.effect import Effect
-from capsbayes.effects.channel_swelling import ChannelSwelling
-from capsbayes.effects.flow_rate_error import FlowRateError
-from capsbayes.effects.half_width_apart import HalfWidthApart
-from capsbayes.effects.half_width_error import HalfWidthError
-from capsbayes.effects.halo import Halo
-from capsbayes.effects.modulus_slope import ModulusSlope
-from capsbayes.effects.motion_blur import MotionBlur
-from capsbayes.effects.oblong_pixels import OblongPixels
-from capsbayes.effects.picture_rotation import PictureRotation
-from capsbayes.effects.pixel_scale import PixelScale
-from capsbayes.effects.radial_distortion import RadialDistortion
+from capsbayes.effects.analytic import (
+    ChannelSwelling,
+    FlowRateError,
+    HalfWidthApart,
+    HalfWidthError,
+    Halo,
+    ModulusSlope,
+    MotionBlur,
+    OblongPixels,
+    PictureRotation,
+    PixelScale,
+    RadialDistortion,
+    Taper,
+    VelocityScale,
+    ViscosityError,
+)
 from capsbayes.effects.simulated import SIMULATED, Simulated
-from capsbayes.effects.taper import Taper
-from capsbayes.effects.velocity_scale import VelocityScale
-from capsbayes.effects.viscosity_error import ViscosityError
 from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
+from capsbayes.model import Effect
 from capsbayes.quantity import Quantity
 
 

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capsbayes.database import Database
-from capsbayes.effect import Kind, Theta
-from capsbayes.model import ForwardModel
+from capsbayes.model import ForwardModel, Kind, Theta
 from capsbayes.parameters import OF_THE_MEMBRANE, PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.quantity import Quantity
-from capsbayes.surrogate.surrogate import joint_surrogate, plain_membrane
+from capsbayes.surrogate.open import joint_surrogate, plain_membrane
 
 Outlines = NDArray[np.float64] | None
 

@@ -15,8 +15,7 @@ from typing import Any
 
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.files.output_file import note_input
-from capsbayes.quantity import Quantity
-from capsbayes.units import LARGEST
+from capsbayes.quantity import LARGEST, Quantity
 
 Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""

@@ -1,8 +1,8 @@
 """From a picture, a film, an .rtdc file or a contour to the measurement of a capsule; OpenCV is used here only."""
 
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.detection import Detection
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measure
 
 __all__ = ["ByHand", "Detection", "Picture", "detect", "measure"]

@@ -1,19 +1,29 @@
-"""The empty channel behind a capsule: given, the temporal median of a film, or estimated from the picture itself."""
+"""The empty channel and what differs from it: background, contrast, light, blobs and noise of a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.image.edges.robust import median, quantile
-from capsbayes.image.walls import WallLines
+from capsbayes.image.edge_models import bridged, median, quantile, robust_spread, within
+from capsbayes.image.edges import pixel_noise
+from capsbayes.image.files import Picture
+from capsbayes.image.walls import WallLines, find_walls
+from capsbayes.profile import signed_area
+from capsbayes.status import Status
+
+# The empty channel behind a capsule: given, the temporal median of a film, or estimated from the picture itself
 
 _BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
 _ROWS = 64  # of all frames that are held in memory a second time
@@ -143,3 +153,486 @@ def flatten(light: Floats, walls: WallLines) -> Floats:
 def transmission(grey: Floats, background: Floats) -> Floats:
     """Return the light over that of the empty channel : (rows, columns) array."""
     return np.asarray(grey / np.maximum(background, _DARKEST * median(background)))
+
+
+# Whether walls that were stated lie on dark lines that the picture shows.
+#
+# A wall may be stated off the line that shows it: lengths over l are then wrong by as much as l is, and nothing else
+# shows it
+
+_BAND_SMOOTHING = 2.0  # px
+_BAND_REACH = 20.0  # px to either side of a wall that are searched
+_BAND_SIGNIFICANCE = 8.0  # of a line's darkness over the spread of that of all rows
+_SURE = 3.0  # standard errors of a wall, or px if these are more, up to which it lies on a line
+_PERCENTILE = 75.0  # of the levels along a line: a capsule darkens less than three quarters of it
+
+
+def compared_with_bands(walls: WallLines, grey: Floats) -> WallLines:
+    """Return walls with their distances from the dark lines of a picture (rows, columns), see `WallLines.off_band`."""
+    levels, across = line_levels(grey, walls, _PERCENTILE)
+    ridge = gaussian_filter1d(levels, _BAND_SMOOTHING, order=2, mode="nearest")
+    least = max(_BAND_SIGNIFICANCE * robust_spread(ridge), 1e-3 * float(np.median(levels)))
+    before, inner, after = ridge[:-2], ridge[1:-1], ridge[2:]
+    dark = (inner > before) & (inner >= after) & (inner > least)
+    vertex = 0.5 * (after - before)[dark] / (2.0 * inner - before - after)[dark]
+    lines = across[1:-1][dark] + vertex
+    upper, lower = (_off(side * lines - walls.half_width, walls) for side in (-1.0, 1.0))
+    return replace(walls, off_band=(upper, lower))
+
+
+def _off(outwards: Floats, walls: WallLines) -> float:
+    """Return how far a wall lies outside the nearest line, by the lines' distances from it outwards; 0 if on it."""
+    near = outwards[np.abs(outwards) < _BAND_REACH]
+    if not len(near):
+        return 0.0
+    nearest = float(near[np.argmin(np.abs(near))])
+    error = np.sqrt(2.0) * walls.half_width_error  # of either wall
+    return -nearest if abs(nearest) > _SURE * max(error, 1.0) else 0.0
+
+
+# Whether capsules are darker or brighter than the liquid; bright ones are measured in the mirrored picture
+
+CONTRASTS = ("dark", "bright")
+_ENDS = 0.001, 0.999  # quantiles of what differs from the empty channel
+_BRIGHTER = 2.0  # of the largest darkening: a dark capsule may gather light in its middle
+_EVERY = 2  # px: neighbours in a smoothed picture are alike, and percentiles of many pixels take time
+_CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself differs
+
+
+def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
+    """Return the grey level from which those of a bright picture are subtracted.
+
+    The empty channel becomes as bright as the brightest place of the frames, and that as dark as the channel was. All
+    are (rows, columns) arrays. A single bright pixel, as a faulty one, does not count.
+    """
+    brightest = max(float(cv2.medianBlur(frame.astype(np.float32), 3).max()) for frame in (empty, *frames))
+    return brightest + float(np.median(empty))
+
+
+def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
+    """Return True if what differs most from the empty channel between the walls is brighter than it."""
+    some = slice(None, None, _EVERY)
+    rows = walls.rows_around((empty.shape[0], empty.shape[1]))
+    empty = empty[rows]
+    offset = walls.moved(0, -rows.start).offset((empty.shape[0], empty.shape[1]))
+    between = np.abs(offset[some, some]) < walls.half_width - _CLEAR * walls.line_width
+    darkening = brightening = 0.0
+    for frame in frames:
+        change = cv2.GaussianBlur(np.subtract(frame[rows], empty, dtype=np.float32), (0, 0), 1.0)[some, some][between]
+        least, most = (quantile(change, share) for share in _ENDS) if change.size else (0.0, 0.0)
+        darkening, brightening = max(darkening, -least), max(brightening, most)
+    return brightening > _BRIGHTER * darkening
+
+
+def runs_upright(picture: NDArray[Any], contrast: str | None) -> bool:
+    """Return True if walls are found up and down a picture (rows, columns), and none along its rows."""
+    ways = (picture, np.ascontiguousarray(picture.T))
+    along, upright = (Contrast.of([way], None, None, contrast).walls for way in ways)
+    return along is None and upright is not None
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """How pictures of one view are made such that capsules are dark, and the walls in them.
+
+    Parameters
+    ----------
+    mirror : float, optional
+        Grey level from which those of the pictures are subtracted; None where capsules are dark already.
+    walls : WallLines, optional
+        As stated or found; None where none were found.
+    """
+
+    mirror: float | None
+    walls: WallLines | None
+
+    @classmethod
+    def of(
+        cls, frames: Sequence[NDArray[Any]], empty: Floats | None, stated: WallLines | None, contrast: str | None
+    ) -> Contrast:
+        """Find out whether capsules and walls are darker or brighter than the liquid.
+
+        The walls tell it where they are found in one of the two ways only, else the capsules do.
+
+        Parameters
+        ----------
+        frames : sequence of (rows, columns) array
+            Pictures of one view, in grey levels.
+        empty : (rows, columns) array, optional
+            The empty channel; by default the median of the first picture on each line parallel to the walls.
+        stated : WallLines, optional
+            Walls that are stated; by default they are sought.
+        contrast : str, optional
+            One of `CONTRASTS`, where it is stated.
+        """
+        base = frames[0] if empty is None else empty
+        walls = stated or (None if contrast == "bright" else find_walls(base))
+        if contrast == "dark":
+            return cls(None, walls)
+        if contrast is None and walls is not None:
+            ground = estimate_background(base, walls, percentile=50.0) if empty is None else empty
+            if not is_brighter(frames, ground, walls):
+                return cls(None, walls)
+        level = mirror_level(base, frames)
+        bright_walls = stated or find_walls(level - base)
+        if contrast is None and bright_walls is None:
+            return cls(None, walls)
+        return cls(level, bright_walls)
+
+    def darkened(self, grey: NDArray[Any]) -> NDArray[Any]:
+        """Return grey levels as they are analysed."""
+        return grey if self.mirror is None else self.mirror - grey
+
+    def shown(self, picture: Picture) -> Picture:
+        """Return a picture as it is analysed."""
+        return picture if self.mirror is None else picture.mirrored(self.mirror)
+
+
+# Light that falls off towards the borders, as by a lens or a lamp off the middle: taken out where it is strong
+
+_FOLLOWED_CORE = 0.6  # of the half width: part of the channel whose light is followed along it
+_STRONG = 0.18  # fall of the light along the channel up to which lengths and walls are right as they are
+_BEYOND, _FEWEST_ROWS = 3.0, 8  # of the width of a wall's line, beyond which light is followed; rows that this needs
+_DARK, _LITTLE = 0.02, 0.01  # below the trend by more than this share of it, and how little such a column then counts
+_FREE = 0.4  # of the columns, that need to follow the trend
+_ROUNDS = 30
+
+
+def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ...] | None:
+    """Return pictures of one view over the light along the channel in the last; None where that hardly changes.
+
+    The light is 1 + b x + c (x^2 + y^2) with a c that is not positive, as a lens loses it alike in all directions. It
+    follows from what lies beyond the walls, or from the columns of the channel that a dark capsule leaves free.
+    """
+    grey = pictures[-1].grey
+    rows, columns = grey.shape
+    away = np.abs(walls.offset((rows, columns)))
+    strip = away > walls.half_width + _BEYOND * walls.line_width
+    if strip.sum(axis=0).min() < _FEWEST_ROWS:
+        strip = away < _FOLLOWED_CORE * walls.half_width
+    if not strip.any(axis=0).all():
+        return None
+    level = np.nanmedian(np.where(strip, grey, np.nan), axis=0)
+    x = np.arange(columns) - 0.5 * (columns - 1)
+    weight, powers = np.ones(columns), 3
+    for _ in range(_ROUNDS):  # least squares that leave dark columns out
+        design = np.stack([x**power for power in range(powers)], axis=1) * weight[:, None]
+        fit = np.append(np.linalg.lstsq(design, level * weight, rcond=None)[0], 0.0)[:3]
+        powers = 3 if fit[2] < 0.0 else 2
+        trend = fit[0] + fit[1] * x + min(fit[2], 0.0) * x**2
+        weight = np.where(level < (1.0 - _DARK) * trend, _LITTLE, 1.0)
+    if trend.min() <= 0.0 or 1.0 - trend.min() / trend.max() < _STRONG or np.mean(weight) < _FREE:
+        return None
+    y = np.arange(rows)[:, None] - 0.5 * (rows - 1)
+    light = np.maximum(1.0 + (fit[1] * x + min(fit[2], 0.0) * (x**2 + y**2)) / fit[0], 0.1)
+    return tuple(replace(picture, grey=picture.grey / light) for picture in pictures)
+
+
+# Dark blobs between the walls: those that are capsules to measure, and the reasons why the others are not
+
+_SMALLEST_AREA = 0.2  # l^2: smaller blobs are debris
+_SPECK = 0.02  # l^2: smaller blobs are ignored
+_CONTRAST = 0.03  # of the light: fainter blobs are ignored
+_SIGNIFICANCE = 5.0  # of the contrast over the noise of a smoothed pixel
+_BORDER = 3  # px: nearer to the border of the picture the outline cannot be located
+_NOTCH = 1.5, 0.1  # px, and of the radius of a circle of the same area: concave rears leave up to 0.07
+_CLEARANCE = 12.0  # px that an edge needs on its outside to be located
+_DARKEST_PIXELS = 0.01, 0.1  # of the pixels between the walls, of l^2: half as dark as these is the level of a blob
+_BY_WALL = 0.5  # of the half width from the axis: a capsule that leaves the picture is nearer to it
+_PIECE = 0.02  # of the largest piece of a mask: smaller pieces are ignored
+
+
+@dataclass(frozen=True, eq=False)
+class Blob:
+    """A dark blob.
+
+    Parameters
+    ----------
+    polygon : (p, 2) array [px]
+        Outline to a pixel, columns (x, y), clockwise as seen in the picture.
+    area : float [px^2]
+    status : Status
+        ``DONE`` if it can be a capsule to measure.
+    erased : (p,) array of bool, optional
+        Where the outline was erased, and is a bridge.
+    """
+
+    polygon: Floats = field(repr=False)
+    area: float
+    status: Status = Status.DONE
+    erased: Booleans | None = field(default=None, repr=False)
+
+    @property
+    def middle(self) -> Floats:
+        """Middle (x, y) of the bounding box : (2,) array [px]."""
+        return np.asarray(0.5 * (self.polygon.min(axis=0) + self.polygon.max(axis=0)))
+
+
+def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
+    """Find the dark blobs between the walls, from left to right.
+
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
+    Outlines are erased within boxes (k, 4) of left, upper, right and lower limit [px]; what lies there is no blob.
+    """
+    dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
+    between = _between(walls, (light.shape[0], light.shape[1]))
+    least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
+    # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
+    darkest = dark[between & (dark >= 2.0 * least)]
+    share, squares = _DARKEST_PIXELS
+    rank = round(min(share * np.count_nonzero(between), squares * walls.half_width**2)) + 1
+    if len(darkest) < rank:
+        return []
+    level = 0.5 * float(np.partition(darkest, -rank)[-rank])
+    mask = ((dark > level) & between).astype(np.uint8)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), dtype=np.uint8))
+    blobs = [blob for blob in _pieces(np.asarray(closed, dtype=np.uint8)) if blob.area > _SPECK * walls.half_width**2]
+    if erased is not None:
+        blobs = [left for blob in blobs if (left := _erased(blob, erased)) is not None]
+    blobs.sort(key=lambda blob: float(blob.middle[0]))
+    return [replace(blob, status=_status(blob, blobs, dark.shape, walls.half_width)) for blob in blobs]
+
+
+def _erased(blob: Blob, boxes: Floats) -> Blob | None:
+    """Return a blob without what lies within boxes, None if that is all of it."""
+    found = bridged(blob.polygon, within(blob.polygon, boxes))
+    return None if found is None else replace(blob, polygon=found[0], erased=found[1])
+
+
+def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
+    """Return True for a blob that runs through a picture of so many columns, or leaves it along one wall only."""
+    x = blob.polygon[:, 0]
+    left, right = x < _BORDER, x > columns - 1.0 - _BORDER
+    if left.any() and right.any():
+        return True
+    leaving = (blob.polygon[left | right] - walls.middle) @ walls.across / walls.half_width
+    return len(leaving) > 0 and bool(np.abs(leaving).min() > _BY_WALL and abs(np.sign(leaving).mean()) == 1.0)
+
+
+def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:
+    """Return the object that a mask (rows, columns) shows; an object in several pieces is refused."""
+    pieces = sorted(_pieces(mask.astype(np.uint8)), key=lambda blob: blob.area)
+    if not pieces:
+        return Blob(np.zeros((1, 2)), 0.0, Status.NO_CAPSULE)
+    *others, blob = pieces
+    if others and others[-1].area > _PIECE * blob.area:
+        return replace(blob, status=Status.BROKEN_MASK)
+    return replace(blob, status=_status(blob, [], mask.shape, walls.half_width))
+
+
+def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
+    """Return the connected pieces of a mask, their status not yet judged."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return [Blob(_clockwise(contour[:, 0].astype(float)), cv2.contourArea(contour)) for contour in contours]
+
+
+@lru_cache(maxsize=1)  # the frames of a film share it
+def _between(walls: WallLines, shape: tuple[int, int]) -> Booleans:
+    mask: Booleans = np.abs(walls.offset(shape)) < walls.half_width - 0.5 * walls.line_width
+    mask.flags.writeable = False
+    return mask
+
+
+def _status(blob: Blob, blobs: list[Blob], shape: tuple[int, ...], half_width: float) -> Status:
+    """Judge a blob in a picture of a shape with other blobs."""
+    rows, columns = shape
+    if blob.polygon.min() < _BORDER or np.any(blob.polygon > np.array([columns, rows]) - 1.0 - _BORDER):
+        return Status.TOUCHES_BORDER
+    if blob.area < _SMALLEST_AREA * half_width**2:
+        return Status.DEBRIS
+    if notch(blob.polygon) > max(_NOTCH[0], _NOTCH[1] * np.sqrt(blob.area / np.pi)):
+        return Status.DOUBLET
+    low, high = blob.polygon.min(axis=0) - _CLEARANCE, blob.polygon.max(axis=0) + _CLEARANCE
+    for other in blobs:
+        if other is not blob and np.any(np.all((other.polygon > low) & (other.polygon < high), axis=1)):
+            return Status.TOO_CLOSE
+    return Status.DONE
+
+
+def notch(polygon: Floats) -> float:
+    """Return the depth of the deepest hollow of an outline below its convex hull [px]."""
+    corners = np.rint(polygon).astype(np.int32)[:, None]
+    hull = cv2.convexHull(corners, returnPoints=False)
+    hull[::-1].sort(axis=0)  # where a contour passes a pixel twice, OpenCV needs the hull in one sense
+    defects = cv2.convexityDefects(corners, hull)
+    return 0.0 if defects is None else float(defects.reshape(-1, 4)[:, 3].max()) / 256.0
+
+
+def _clockwise(polygon: Floats) -> Floats:
+    return polygon if signed_area(polygon) > 0.0 else polygon[::-1]
+
+
+# Whether a picture of the empty channel belongs to that of a capsule: its light, its place, and that it is empty
+
+_END_COLUMNS = 0.05  # of the columns at either border, which a capsule that can be measured does not reach
+_GAIN = 1.3  # largest ratio of the lights of picture and background; lengths are right up to it
+_WIDER = 0.2  # px: largest difference of the two half widths
+_FAINT_DIFFERENCE = 0.1  # of the range of the picture's levels: smaller differences are those of a dark ground
+_DEPTHS = (8, 10, 12, 14, 16)  # bits of a camera
+_SHIFT = 1.2  # px: largest shift across the channel; 1.5 px leave lengths right, at 2 px a wall becomes a blob
+_TURN = 0.2  # px at the distance l from the axis, by which an end of the capsule is shifted
+_BETTER = 0.8  # of the difference, left when the background is laid onto the picture
+_BY_WALLS = 12.0  # px from a wall, where it counts
+_BRIGHTER_PIXEL = 1.05  # light of a pixel that is dark in the background alone
+_UNLIKE = 0.1  # of something dark in the background: share that is not in the picture
+
+
+def check_light(picture: Picture, background: Picture, most: float = _GAIN) -> None:
+    """Refuse a background that was taken with another exposure or depth, whose light differs by a factor `most`."""
+    seen, empty = picture.grey, background.grey
+    columns = max(3, round(_END_COLUMNS * seen.shape[1]))
+    ends = np.r_[:columns, -columns:0]
+    if np.mean(picture.clipped[:, ends]) > 0.5:  # said when its walls are known
+        return
+    level, ground = float(np.median(seen[:, ends])), float(np.median(empty[:, ends]))
+    low, high = np.percentile(seen, (1, 99))
+    if abs(level - ground) <= _FAINT_DIFFERENCE * (high - low) or 1.0 / most <= level / max(ground, 1e-9) <= most:
+        return
+    way = "darker" if ground < level else "brighter"
+    got = f"one that is {way}: its median is {ground / max(level, 1e-9):.2g} of the picture's"
+    bits = [next((depth for depth in _DEPTHS if grey.max() < 2**depth), 32) for grey in (empty, seen)]
+    if bits[0] != bits[1]:
+        got += f" ({bits[0]} bits, and the picture {bits[1]})"
+    raise _error(background, "a background as bright as the picture", got, "take both with the same exposure and depth")
+
+
+def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> None:
+    """Refuse a background that lies elsewhere or is turned or of another channel, or not empty as the picture is.
+
+    The picture (rows, columns) and the background have dark walls; `walls` are those known, None if not found.
+    """
+    empty = background.grey
+    in_picture, in_background = find_walls(seen), find_walls(empty)
+    if in_picture is not None and in_background is None and find_walls(np.ascontiguousarray(empty.T)) is not None:
+        got = "one whose channel runs up and down"
+        raise _error(background, "a background of the same channel", got, "take both the same way round")
+    if walls is None and (in_picture or find_walls(seen.max() + np.median(seen) - seen)):
+        raise _error(background, "a background of the same channel", "one without its walls", "take both at one place")
+    if in_picture is not None and in_background is not None:
+        down = float(in_background.centre_row - in_picture.centre_row)
+        turn = float(np.degrees(in_background.tilt - in_picture.tilt))
+        askew = np.radians(abs(turn)) * in_picture.half_width > _TURN
+        wide = in_background.half_width / in_picture.half_width
+        unlike = abs(in_background.half_width - in_picture.half_width) > _WIDER
+        lies = f"lies {abs(down):.1f} px {'lower' if down > 0.0 else 'higher'} than it" if abs(down) > _SHIFT else ""
+        turned = f"is turned by {abs(turn):.1f} degrees" if askew else ""
+        other = f"shows a channel {abs(wide - 1.0):.1%} {'wider' if wide > 1.0 else 'narrower'}" if unlike else ""
+        if (lies or turned or other) and _lies_better(seen, empty, in_picture, down, turn, wide):
+            got = f"one that {' and '.join(filter(None, (lies, turned, other)))}"
+            raise _error(
+                background, "a background that fits the picture", got, "take both at one place and magnification"
+            )
+    if walls is None or not np.any(np.abs(walls.offset((len(empty), empty.shape[1]))) < 0.5 * walls.half_width):
+        return
+    light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
+    over = transmission(seen, empty)
+    for blob in find_blobs(light, walls, pixel_noise(light)):
+        inside = np.zeros(empty.shape, np.uint8)
+        cv2.fillPoly(inside, [blob.polygon.astype(np.int32)], 1)
+        fuller = np.mean(over[inside > 0] > _BRIGHTER_PIXEL) > _UNLIKE or np.array_equal(seen, empty)
+        if blob.status is not Status.DEBRIS and fuller:
+            got = f"one with something dark at column {blob.middle[0]:.0f}, row {blob.middle[1]:.0f}"
+            raise _error(background, "the empty channel", got, "take it without a capsule")
+
+
+def _lies_better(seen: Floats, empty: Floats, walls: WallLines, down: float, turn: float, wide: float) -> bool:
+    """Return whether the background differs less from the picture by the walls when it is moved, turned and scaled."""
+    move = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row + down), turn, 1.0 / wide)
+    move[1, 2] -= down
+    rows, columns = empty.shape
+    laid = cv2.warpAffine(empty, move, (columns, rows), borderMode=cv2.BORDER_REPLICATE)
+    near = np.abs(np.abs(walls.offset((rows, columns))) - walls.half_width) < _BY_WALLS
+    return bool(np.mean(np.abs(seen - laid)[near]) < _BETTER * np.mean(np.abs(seen - empty)[near]))
+
+
+def _error(background: Picture, expected: str, got: str, advice: str) -> InputError:
+    return InputError(background.source or "background", "", expected, got, f"{advice}, or leave the background out")
+
+
+# What a filter or a compression did to a picture after it was taken, seen in its noise.
+#
+# The noise of a camera differs from pixel to pixel. A filter makes it alike over some pixels; compression too, and
+# leaves
+# steps between blocks of 8 x 8 pixels. Both flatten the dark line along the edge of a capsule, and the edge is found
+# further out. Where the empty channel shows either, an edge has an error for it
+
+_LAGS = np.array([1, 2, 3, 4, 6])  # px; over the last, noise is independent in all but the widest filters
+_NOISE_TILE = 16  # px
+_FEWEST_TILES = 4  # the median over them is that of the noise, also where some show specks
+_ENOUGH = 400  # tiles: of a large picture, every second, third ... is taken
+_BLOCK = 8  # px
+_STEPS = 4.0  # least ratio of the steps between blocks to those within, both axes multiplied; by chance it is below 1.8
+_LOST = 0.3  # least loss of noise that is no chance
+_ALL = 2.0  # loss of a picture whose noise is lost altogether, and the largest one of a compressed picture
+_FILTERED, _COMPRESSED = 0.10, 0.05  # px: error of an edge over the square of the loss; over the loss
+_AROUND, _CLEAR_OF_LINE = 12.0, 3.0  # px around a blob, and widths of a wall's line, that are left out
+
+
+def edge_shift(light: Floats, walls: WallLines, blobs: list[Blob]) -> float:
+    """Return the standard error of an edge that follows from smoothing of the picture [px]; 0 where none is seen.
+
+    The light (rows, columns) is over that of the empty channel. All edges share the error, in all pictures of a camera.
+    """
+    free = _free(light.shape, walls, blobs)
+    sums, counts = _tile_sums(light, free, _LAGS, _NOISE_TILE, max(1, light.size // (_ENOUGH * _NOISE_TILE**2)))
+    whole = counts[:, -1] >= _NOISE_TILE**2 // 2
+    if np.count_nonzero(whole) < _FEWEST_TILES:
+        return 0.0
+    squares = np.median(sums[whole] / np.maximum(counts[whole], 1), axis=0)
+    loss = float(np.sum(np.maximum(1.0 - squares[:-1] / squares[-1], 0.0))) if squares[-1] > 0.0 else _ALL
+    if loss < _LOST:
+        return 0.0
+    if _has_blocks(light, free):
+        return _COMPRESSED * min(loss, _ALL)
+    return _FILTERED * loss**2 if squares[-1] > 0.0 else 0.0
+
+
+def _free(shape: tuple[int, ...], walls: WallLines, blobs: list[Blob]) -> Booleans:
+    """Return which pixels show the liquid alone : (rows, columns) array."""
+    free = np.abs(walls.offset((shape[0], shape[1]))) < walls.half_width - _CLEAR_OF_LINE * walls.line_width
+    for blob in blobs:
+        low = np.maximum(np.floor(blob.polygon.min(axis=0) - _AROUND), 0.0).astype(int)
+        high = np.ceil(blob.polygon.max(axis=0) + _AROUND).astype(int)
+        free[low[1] : high[1], low[0] : high[0]] = False
+    return free
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tile_sums(light, free, lags, size, every):  # type: ignore[no-untyped-def]
+    """Return sums of squared second differences at each lag along rows and columns, and their numbers : (tiles, lags).
+
+    A slope of the light has no second difference. Of the tiles, only every so many are summed.
+    """
+    rows, columns = light.shape
+    across = (columns + size - 1) // size
+    sums = np.zeros((((rows + size - 1) // size) * across, len(lags)))
+    counts = np.zeros(sums.shape, dtype=np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            tile = (i // size) * across + j // size
+            if tile % every or not free[i, j]:
+                continue
+            for n in range(len(lags)):
+                k = lags[n]
+                if k <= i < rows - k and free[i - k, j] and free[i + k, j]:
+                    sums[tile, n] += (light[i, j] - 0.5 * (light[i - k, j] + light[i + k, j])) ** 2
+                    counts[tile, n] += 1
+                if k <= j < columns - k and free[i, j - k] and free[i, j + k]:
+                    sums[tile, n] += (light[i, j] - 0.5 * (light[i, j - k] + light[i, j + k])) ** 2
+                    counts[tile, n] += 1
+    return sums, counts
+
+
+def _has_blocks(light: Floats, free: Booleans) -> bool:
+    """Return whether the steps from pixel to pixel are larger at every eighth row and column than between."""
+    ratio = 1.0
+    for axis in (0, 1):
+        along, clear = np.moveaxis(light, axis, 0), np.moveaxis(free, axis, 0)
+        inside = clear[1:] & clear[:-1]
+        steps = np.sum(np.square(np.diff(along, axis=0)), axis=1, where=inside)
+        number = np.count_nonzero(inside, axis=1)
+        phase = np.arange(len(steps)) % _BLOCK
+        mean = np.bincount(phase, steps, _BLOCK) / np.maximum(np.bincount(phase, number, _BLOCK), 1)
+        if mean.max() > 0.0:
+            ratio *= float(mean.max() / max(np.median(mean), 1e-12))
+    return ratio > _STEPS

@@ -14,8 +14,8 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.image.contrast import CONTRASTS
-from capsbayes.image.files.picture import SMALLEST_SIDE
+from capsbayes.image.background import CONTRASTS
+from capsbayes.image.files import SMALLEST_SIDE
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 

@@ -1,8 +1,8 @@
-"""The capsule in one picture: its lengths, their errors, and the edges that they were read from."""
+"""Lengths and outline of the capsule in a picture, with their errors."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,25 +11,209 @@ from numpy.typing import ArrayLike
 from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import AREAS, Experiment
-from capsbayes.image.background import estimate_background, transmission
-from capsbayes.image.blobs import find_blobs, is_shadow
+from capsbayes.experiment import AREAS, Camera, Experiment
+from capsbayes.files.csv_file import text_of_numbers
+from capsbayes.files.output_file import together, write_file
+from capsbayes.image.background import (
+    Contrast,
+    check_light,
+    check_place,
+    compared_with_bands,
+    edge_shift,
+    estimate_background,
+    evened,
+    find_blobs,
+    is_shadow,
+    runs_upright,
+    transmission,
+)
 from capsbayes.image.by_hand import ByHand
-from capsbayes.image.contrast import Contrast, runs_upright
-from capsbayes.image.detection import Detection, analyse_blob
-from capsbayes.image.edges.outline import pixel_noise
-from capsbayes.image.empty_channel import check_light, check_place
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.detect import Detection, analyse_blob
+from capsbayes.image.edges import ARC, EDGE_FLOOR, pixel_noise, scatter_expected, thinned, without_erased
+from capsbayes.image.files import Picture
 from capsbayes.image.motion import smeared
-from capsbayes.image.silhouette import silhouette_of
-from capsbayes.image.smoothing import edge_shift
-from capsbayes.image.straightened import straightened_lengths, straightened_silhouette
-from capsbayes.image.vignetting import evened
-from capsbayes.image.wall_bands import compared_with_bands
+from capsbayes.image.overlay import write_overlay
 from capsbayes.image.walls import WallLines, find_walls
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
+
+# The outline of a capsule in a picture as a measured silhouette over l, with a model of its errors.
+#
+# Three consecutive points are averaged: their errors are almost independent, and a likelihood needs no more points. The
+# noise has three parts: scatter from point to point, errors alike along the edge, and an offset of the whole. They
+# follow
+# from the errors with which the edge was located; their factors were set on drawn pictures, other ones than those whose
+# coverage is counted. Where the edge of the rear is a band, much wider than that of the nose, the membrane lies
+# somewhere
+# within: that of the rear has an error of its own
+
+_ARC_SHARE = 0.6  # of an arc's error that is in its points
+_MISFIT = 0.024  # 1/px: error along the edge over the square of its width
+_OF_SHIFT = 0.5  # of the error of a smoothed picture's edges, which differ as their dark lines do
+_FACING = 0.8  # cosine of a normal's angle to the channel, least at the ends
+_BAND = 1.5  # of the square of the width at the nose: in drawn pictures that at the rear is 0.8 to 1.35 of it
+_OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
+
+
+@dataclass(frozen=True)
+class EdgeErrors:
+    """Standard deviations of the errors of a silhouette's points along their normals [px].
+
+    Parameters
+    ----------
+    scatter : float
+        Of means of three points, independent of each other and in each picture.
+    arc : float
+        Alike along an arc, and independent in each picture.
+    misfit : float
+        Alike along an arc, and the same in all pictures of a capsule: that of the edge's model.
+    offset : float
+        Alike all around, and the same in all pictures of a capsule.
+    rear : float
+        Of the rear, along the flow, and the same in all pictures of a capsule.
+    """
+
+    scatter: float
+    arc: float
+    misfit: float
+    offset: float
+    rear: float = 0.0
+
+    @classmethod
+    def of(cls, detection: Detection) -> EdgeErrors:
+        """Return the errors that follow from those with which the outline of a detection was located."""
+        outline, walls = detection.outline, detection.walls
+        assert outline is not None
+        assert walls is not None
+        kept = ~outline.erased
+        width = np.square(outline.edge_width[kept])
+        arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
+        misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
+        offset = np.sqrt(EDGE_FLOOR**2 + detection.shift**2 + _OFFSET**2 * np.mean(np.square(width)))
+        facing = detection.flow * (outline.normals[kept] @ walls.along)
+        nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
+        band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
+        return cls(scatter_expected(outline), float(arc), float(misfit), float(offset), band)
+
+
+def silhouette_of(detection: Detection) -> MeasuredOutline | None:
+    """Return the silhouette of a detection, as `identify` compares it with those of a model.
+
+    Points next to a wall, which lie up to 0.4 of the edge's width too far out, and erased ones are omitted. Returns
+    None where nothing was measured, too few points are left, or the shape does not distinguish front from rear.
+    """
+    if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
+        return None
+    walls = detection.walls
+    points = thinned(detection.outline.points)
+    clear = walls.is_clear(walls.clearance(points)) & without_erased(detection.outline)
+    points = points[clear] - detection.axis
+    return over_l(
+        np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),
+        EdgeErrors.of(detection),
+        walls,
+    )
+
+
+def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutline | None:
+    """Return the silhouette with points (m, 2) along and across the flow [px]; None if they are too few."""
+    if len(points) < FEWEST_POINTS:
+        return None
+    half_width, smooth = walls.half_width, np.hypot(errors.arc, errors.misfit)
+    points = points / half_width
+    radius = float(np.mean(np.hypot(*(points - points.mean(axis=0)).T)))
+    noise = OutlineNoise(
+        float(np.hypot(errors.scatter, smooth)) / half_width,
+        ARC / half_width,
+        float(errors.scatter**2 / (errors.scatter**2 + smooth**2)),
+    )
+    # an error of l changes all radii in proportion, much as an offset does
+    offset = np.hypot(errors.offset, radius * walls.half_width_error)
+    pose = Pose(offset=float(offset) / half_width, rear=errors.rear / half_width)
+    return MeasuredOutline(points, noise, pose, SILHOUETTE)
+
+
+# Lengths and silhouette of a detected capsule without the faults of the camera's geometry that are known.
+#
+# The middle of the picture is taken to be that of the lens, on the axis of the channel
+
+
+def straightened_lengths(detection: Detection, columns: int, camera: Camera) -> tuple[Floats, Floats]:
+    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers.
+
+    Parameters
+    ----------
+    detection : Detection
+        Whose status is ``DONE``, in a picture of so many columns.
+    columns : int
+    camera : Camera
+
+    Returns
+    -------
+    (4,) array [px], (4, 4) array [px^2]
+        Of L_z, L_a, L_p and l; what was not seen is NaN.
+    """
+    assert detection.outline is not None, "detected"
+    lengths, sense = detection.lengths, detection.flow or 1
+    half_width = lengths[3]
+    edge = _from_middle(detection.outline.points, detection, columns)
+    front, back = (edge[np.argmax(side * sense * edge[:, 0])] for side in (1, -1))
+    hollow = np.array([front[0] - sense * lengths[1] / half_width, 0.0])
+    points, walls = np.array([front, back, hollow]), _walls_at(half_width, columns)
+    factors = np.append(
+        _lengths_between(camera.straightened(points, walls=walls)) / _lengths_between(points), [1.0, 1.0]
+    )
+    # L_p is no length of its own, and is seldom read: that of the others
+    found = lengths * factors
+    found[2] = found[0] - found[1]
+    errors = camera.errors_of(points, walls=walls)
+    off = half_width * (errors[:, :1, 0] - errors[:, 1:, 0])
+    covariance = detection.covariance * np.outer(factors, factors)
+    covariance[:2, :2] += off.T @ off
+    return found, covariance
+
+
+def straightened_silhouette(
+    outline: MeasuredOutline, detection: Detection, columns: int, camera: Camera
+) -> MeasuredOutline:
+    """Return the silhouette of a detection in a picture of so many columns, with the camera's errors in its pose."""
+    assert detection.walls is not None, "detected"
+    half_width = detection.walls.half_width
+    flow = [detection.flow, 1]
+    middle = _from_middle(detection.axis[None], detection, columns)[0] * flow
+    walls, places = _walls_at(half_width, columns), outline.points + middle
+    true = camera.straightened(places * flow, walls=walls) * flow
+    pose = replace(
+        outline.pose,
+        **{name: value.sd for name, value in camera.stated.items()},
+        middle=float(0.5 * (true[:, 0].max() + true[:, 0].min())),
+        walls=walls,
+    )
+    return replace(outline, points=true - middle, pose=pose)
+
+
+def _from_middle(points: Floats, detection: Detection, columns: int) -> Floats:
+    """Return points (m, 2) [px] along and across the channel from the middle of the picture on its axis, over l."""
+    walls = detection.walls
+    assert walls is not None, "detected"
+    to_middle = (0.5 * (columns - 1) - walls.centre_column) / walls.along[0]
+    middle = np.array([walls.centre_column, walls.centre_row]) + to_middle * walls.along
+    away = (points - middle) / walls.half_width
+    return np.stack([away @ walls.along, away @ walls.across], axis=1)
+
+
+def _walls_at(half_width: float, columns: int) -> float:
+    """Return the mean square distance over l^2 of the walls from the middle of a picture [px]."""
+    return 1.0 + (0.5 * columns / half_width) ** 2 / 3.0
+
+
+def _lengths_between(points: Floats) -> Floats:
+    """Return the lengths (2,) between the first of three points and the others, along the channel."""
+    return np.abs(points[0, 0] - points[1:, 0])
+
+
+# The capsule in one picture: its lengths, their errors, and the edges that they were read from
 
 FLOWS = {"right": 1, "left": -1}
 _NEAR = 3.0  # px: nearer to a dead column, an end of the capsule is not located
@@ -301,3 +485,24 @@ def check_flow(flow: str | None) -> int:
     if flow is not None and flow not in FLOWS:
         raise InputError("flow", "", " or ".join(f'"{name}"' for name in FLOWS), repr(flow))
     return 0 if flow is None else FLOWS[flow]
+
+
+# Files of a measured picture: what was detected, drawn and in numbers, and the measurement
+
+
+def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:
+    """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
+    with together():
+        write_overlay(out / "overlay.png", picture, detection)
+        if (outline := detection.outline) is not None:
+            error = np.hypot(outline.point_error, outline.arc_error)
+            columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])
+            names = ("x_px", "y_px", "normal_x", "normal_y", "error_px", "edge_width_px")
+            write_file(out / "outline.csv", text_of_numbers(names, columns, "%.4f"))
+        if measured.status.ok:
+            measured.write(out / "measurement.toml")
+            rows = ["quantity,value,error"]
+            for name, power, _, _, value, error in detection.table().loc["perimeter":].itertuples():
+                unit = f"_over_l{power if power > 1 else ''}" if power else ""
+                rows.append(f"{name}{unit},{value:.6g},{error:.2g}")
+            write_file(out / "silhouette.csv", "\n".join(rows) + "\n")

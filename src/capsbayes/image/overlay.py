@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.files.output_file import write_file
-from capsbayes.image.detection import Detection
-from capsbayes.image.edges.bridging import runs
-from capsbayes.image.edges.outline import EdgeOutline
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.detect import Detection
+from capsbayes.image.edge_models import runs
+from capsbayes.image.edges import EdgeOutline
+from capsbayes.image.files import Picture
 from capsbayes.image.walls import WallLines
 
 Colour = tuple[int, int, int]

@@ -1,7 +1,4 @@
-"""The two walls of the channel in a picture: centre line, tilt and half width in pixels.
-
-A wall shows as a dark line along the picture, and lies in the middle of that line.
-"""
+"""The walls of the channel, found in a picture."""
 
 from __future__ import annotations
 
@@ -12,8 +9,7 @@ from numba import njit
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.image.edges.models import Model, locate
-from capsbayes.image.edges.robust import fit_without_outliers, median, robust_spread
+from capsbayes.image.edge_models import Model, fit_without_outliers, locate, median, robust_spread
 
 _MARGIN = 20.0  # px beyond the walls: edges next to a wall are located in what is within it
 _WHOLE = 16  # px: neighbouring pixels are compared in tiles

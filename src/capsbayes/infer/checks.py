@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Marginal
 from capsbayes.parameters import COORDINATES
 
 MEANS_AGREE, SDS_AGREE = 0.1, 0.02

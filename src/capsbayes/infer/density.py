@@ -29,12 +29,10 @@ from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.experiment import capsule_radius, mean_velocity, membrane_thickness, surface_shear_modulus
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.kernel import Flow, flow_mismatch, given_flow
-from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
+from capsbayes.infer.likelihood import Flow, LengthsLikelihood, ModelAtPoints, flow_mismatch, given_flow
 from capsbayes.infer.log_grid import LogGrid, resampled, scaled
-from capsbayes.infer.outline.table import AnyOutline
-from capsbayes.infer.prior import THICKNESS, Coordinate, Prior
+from capsbayes.infer.outline import AnyOutline
+from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity

@@ -1,8 +1,12 @@
-"""From a measurement to the posterior of the capsule."""
+"""Identification of one capsule: the posterior of its membrane's modulus and of its radius."""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -10,33 +14,413 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arguments import checked
 from capsbayes.arrays import Floats, Integers
-from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.errors import DatabaseError, InputError
+from capsbayes.experiment import Experiment, membrane_thickness, surface_shear_modulus
 from capsbayes.infer.checks import Agreement, Gate, agreement
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.deterministic import deterministic_answer
-from capsbayes.infer.exact import exact_engine
-from capsbayes.infer.grid.posterior import ExactPosterior, GridPosterior
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.importance.posterior import WeightedPosterior
-from capsbayes.infer.marginal import Marginal
-from capsbayes.infer.membrane import Membrane
-from capsbayes.infer.misfit import Misfit, inertia, misfits_of, p_values
-from capsbayes.infer.narrowing import expected_log_modulus_sds
-from capsbayes.infer.outline.likelihood import OutlineLikelihood, check_view_of
-from capsbayes.infer.outline.misfit import drawn_outlines, lopsided, outline_misfit
-from capsbayes.infer.outline.table import TabulatedOutline
-from capsbayes.infer.posterior import OF_VELOCITY, REPORTED, Posterior
-from capsbayes.infer.prior import Prior
-from capsbayes.infer.sampling.convergence import ess_gates
-from capsbayes.infer.sampling.ensembles import Chains, Effort, sampled
-from capsbayes.infer.sampling.log_density import LogDensity
-from capsbayes.infer.sampling.on_sheet import SheetDensity
-from capsbayes.infer.shares import variance_shares
-from capsbayes.infer.verdict import leanings, verdict
-from capsbayes.measurement import Measurement
+from capsbayes.infer.grid import ExactPosterior, GridPosterior
+from capsbayes.infer.importance import ExactEngine, WeightedPosterior, engine_near, exact_engine
+from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
+from capsbayes.infer.mixed import MixedPosterior
+from capsbayes.infer.outline import (
+    OutlineLikelihood,
+    TabulatedOutline,
+    check_view_of,
+    drawn_outlines,
+    lopsided,
+    outline_likelihood,
+    outline_misfit,
+)
+from capsbayes.infer.posterior import OF_VELOCITY, REPORTED, Posterior, deterministic_answer
+from capsbayes.infer.prior import THICKNESS, Inputs, Marginal, Membrane, Prior
+from capsbayes.infer.proposal import PLACE
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.sampling import Chains, Effort, LogDensity, SheetDensity, ess_gates, sampled
+from capsbayes.infer.verdict import Misfit, inertia, leanings, misfits_of, p_values, verdict
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import ForwardModel
+from capsbayes.prediction import Prediction
 from capsbayes.status import Status
+from capsbayes.surrogate import MembraneSurrogate
+
+# Expected width of G_s after one more measurement of a capsule, for a model with several further coordinates.
+#
+# A number that becomes known takes away, on the average, the variance of the mean of ln G_s from one of its values to
+# another. What a measurement with errors takes away is estimated twice, and the narrower width counts, as neither
+# estimate is narrower than the truth but for chance:
+#
+# - a linear estimate of ln G_s from it, over draws of the posterior, takes away c (S + E)^-1 c, with the covariance S
+# of
+#   what the draws predict, that of its errors E, and its covariance c with ln G_s; it is loose where the posterior is
+#   wide and the model curved over it, as no nonlinear estimate is tried;
+# - the model linearised at single draws, with the normal scores of the priors, has the inverse of the Fisher
+# information
+#   as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
+
+OUTLINE_NOISE = OutlineNoise(0.005, 0.2)
+"""Errors of an outline that is yet to be measured."""
+
+THICKNESS_ERROR = 0.2
+"""Relative error of a thickness of the membrane that is yet to be measured."""
+
+FLOWS = {"half flow": 0.5, "double flow": 2.0}
+"""Flow rates at which the same capsule may be measured again, over the present one."""
+
+Theta = Mapping[str, Floats]
+Data = Callable[[Theta], Floats]
+"""What a measurement shows of shapes, as numbers (n, m) with independent errors of one; NaN where there is no shape."""
+
+_DRAWS_OF_ESTIMATE, _PLACES = 1000, 16  # of the posterior, for either estimate
+_STEPS, _SCORE_STEP = (0.02, 0.003), 0.05  # of log Ca and a/l, and of a score, for differences
+_LEAST_INSIDE = 0.9  # share of the posterior for which the model has a shape at another flow rate
+_FREE = 1e-6  # information on log Ca and a/l that no data have
+
+
+def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) -> dict[str, float]:
+    """Return the expected standard deviation of ln G_s after each of several measurements, the narrowest first.
+
+    Parameters
+    ----------
+    grid : WeightedPosterior
+    measurement : Measurement
+        That it is the posterior of.
+
+    Returns
+    -------
+    dict of float
+        By name: a further coordinate that becomes known; ``membrane_thickness`` to `THICKNESS_ERROR` where the bending
+        modulus is free; ``outline`` with `OUTLINE_NOISE`, unless there is one; one of `FLOWS`, measured like the
+        present one, where the model has such shapes.
+    """
+    modulus = "surface_shear_modulus"
+    total = grid.log_marginal(modulus).sd ** 2
+    known = [name for name in grid.frame.columns if name != "bending" or not grid.density.by_thickness]
+    left = {name: total - grid.variance_given(name, modulus) for name in known}
+    rows = grid.resampled(np.random.default_rng([0, 5]), _DRAWS_OF_ESTIMATE)
+    theta = grid.frame.theta(grid.points[rows])
+    log_modulus = _log_modulus(grid, theta)
+    between = grid.variance_of_mean(modulus)  # the rest is of viscosity and velocity
+
+    def narrower(later: Callable[[Mapping[str, float]], Data]) -> float:
+        numbers = later(grid.middle)(theta)
+        if np.mean(np.isfinite(numbers[:, 0])) < _LEAST_INSIDE:
+            return total
+        linear = between * (1.0 - _explained(log_modulus, numbers))
+        local = _linearised(grid, measurement, grid.points[rows[:_PLACES]], later)
+        return total - between + float(np.fmin(linear, local))
+
+    if "bending" in left:
+        left[THICKNESS] = narrower(lambda pilot: _log_thickness)
+    if measurement.outline is None:
+        left["outline"] = narrower(lambda pilot: _outlines(grid, pilot, OUTLINE_NOISE))
+    for name, factor in FLOWS.items():
+        left[name] = narrower(lambda pilot, factor=factor: _faster(grid, measurement, pilot, factor))  # type: ignore[misc]
+    sds = {name: float(np.sqrt(max(part, 0.0))) for name, part in left.items() if part < total}
+    return dict(sorted(sds.items(), key=lambda item: item[1]))
+
+
+def _log_modulus(grid: WeightedPosterior, theta: Theta) -> Floats:
+    """Return ln G_s up to what viscosity and velocity add, and NaN where there is no shape : (n,) array."""
+    ratio = 1.0 if grid.density.inputs.by_flow_rate else _shapes(grid, theta).velocity_ratio
+    return np.asarray(-np.log(theta["capillary_number"] * ratio))
+
+
+def _explained(log_modulus: Floats, numbers: Floats) -> float:
+    """Return the share of Var(ln G_s), (n,), that a linear estimate from data (n, m) explains, without rows of NaN."""
+    inside = np.isfinite(numbers[:, 0])
+    away = numbers[inside] - numbers[inside].mean(axis=0)
+    other = log_modulus[inside] - log_modulus[inside].mean()
+    both = other @ away / len(away)
+    explained = both @ np.linalg.solve(away.T @ away / len(away) + np.eye(away.shape[1]), both)
+    return float(explained / np.mean(other**2))
+
+
+def _linearised(
+    grid: WeightedPosterior,
+    measurement: Measurement,
+    points: Floats,
+    later: Callable[[Mapping[str, float]], Data],
+) -> float:
+    """Return the variance of ln G_s with a later measurement, linearised at points (k, d); NaN if it cannot be."""
+    dimensions = points.shape[1]
+    steps = np.diag([*_STEPS, *np.full(dimensions - PLACE, _SCORE_STEP)])
+    known = np.diag([_FREE] * PLACE + [1.0] * (dimensions - PLACE))
+    found = []
+    for point in points:
+        pilot = {name: float(values[0]) for name, values in grid.frame.theta(point[None]).items()}
+        pilot = {name: value for name, value in pilot.items() if name in grid.forward.names}
+        theta = grid.frame.theta(np.concatenate([point + steps, point - steps]))
+        now = _present(grid, measurement, pilot)
+        numbers = np.column_stack([_log_modulus(grid, theta), now(theta), later(pilot)(theta)])
+        slopes = (numbers[:dimensions] - numbers[dimensions:]) / (2.0 * np.diag(steps))[:, None]
+        if np.all(np.isfinite(slopes)):
+            wanted, data = slopes[:, 0], slopes[:, 1:]
+            found.append(wanted @ np.linalg.solve(known + data @ data.T, wanted))
+    return float(np.mean(found)) if found else np.nan
+
+
+def _present(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float]) -> Data:
+    if measurement.outline is not None:
+        return _outlines(grid, pilot, measurement.outline.noise)
+    return _lengths(grid, pilot)
+
+
+def _faster(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float], factor: float) -> Data:
+    """Return what the same capsules show at another flow rate, measured like the present one."""
+    there = {**pilot, "capillary_number": factor * pilot["capillary_number"]}
+    seen = _present(grid, measurement, there)
+    return lambda theta: seen({**theta, "capillary_number": factor * theta["capillary_number"]})
+
+
+def _lengths(grid: WeightedPosterior, pilot: Mapping[str, float]) -> Data:
+    """Return L_z, and L_a if it was measured, with the present errors and the model's own at a pilot."""
+    width = grid.density.inputs.half_width
+    seen = grid.density.likelihood.with_half_width(width.value, width.error)
+    count = 1 if seen.length is None else 2
+    errors = np.array([[seen.zz, seen.za], [seen.za, seen.aa]])[:count, :count]
+    own = _shapes(grid, {name: np.array([value]) for name, value in pilot.items()}).covariance[0, :count, :count]
+    root = np.linalg.cholesky(errors + np.nan_to_num(own))
+    return lambda theta: np.asarray(np.linalg.solve(root, _shapes(grid, theta).values[:, :count].T).T)
+
+
+def _outlines(grid: WeightedPosterior, pilot: Mapping[str, float], noise: OutlineNoise) -> Data:
+    """Return outlines with errors, the model's own at a pilot included."""
+    model = grid.forward
+    there = _shapes(grid, {name: np.array([value]) for name, value in pilot.items()}, outline=True).outline
+    assert there is not None, "asked for"
+    if not np.all(np.isfinite(there)):
+        return lambda theta: np.full((len(theta["size_ratio"]), 1), np.nan)
+    seen = outline_likelihood(model, MeasuredOutline(there[0], noise, view=model.view), pilot)
+
+    def shown(theta: Theta) -> Floats:
+        outlines = _shapes(grid, theta, outline=True).outline
+        assert outlines is not None, "asked for"
+        return seen.whitened(outlines)
+
+    return shown
+
+
+def _log_thickness(theta: Theta) -> Floats:
+    log_thickness = np.log(membrane_thickness(bending=theta["bending"], capsule_radius=theta["size_ratio"]))
+    return np.asarray(log_thickness[:, None] / THICKNESS_ERROR)
+
+
+def _shapes(grid: WeightedPosterior, theta: Theta, *, outline: bool = False) -> Prediction:
+    known = {name: theta[name] for name in grid.forward.names if name in theta}
+    return grid.forward(known, outline=outline)
+
+
+# What another law of the membrane would make of a capsule's shear modulus
+
+_LAW = ("area_dilation_modulus", "strain_hardening")
+_CELLS = 40, 30  # along log Ca and a/l
+_HALVINGS = 5  # of the cells about the best of them
+_FARTHEST = 3.0  # standard errors between the lengths and the nearest shape of a law that counts
+
+
+def with_other_laws(posterior: Posterior) -> Posterior:
+    """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
+    try:
+        model = _opened(posterior.experiment.cross_section)
+    except DatabaseError:
+        return posterior
+    return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
+
+
+def prepare(cross_section: str) -> None:
+    """Begin to open the model that `with_other_laws` needs, on another processor while this one samples."""
+    _begun(cross_section)
+
+
+def _opened(cross_section: str) -> MembraneSurrogate:
+    return _begun(cross_section).result()
+
+
+@functools.cache
+def _begun(cross_section: str) -> Future[MembraneSurrogate]:
+    thread = ThreadPoolExecutor(1)
+    future = thread.submit(MembraneSurrogate.open, cross_section)
+    thread.shutdown(wait=False)
+    return future
+
+
+def modulus_over_laws(
+    measurement: Measurement, experiment: Experiment, model: ForwardModel
+) -> tuple[float, float] | None:
+    """Return the least and the largest G_s [N/m] that laws at the ends of a model's ranges of K and h give.
+
+    Of each law it is that of the shape whose lengths are nearest to the measured ones; viscosity, velocity and half
+    width have their central values, and the other coordinates their null values.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        With both lengths; without L_a a law has no single shape, and the answer is None.
+    experiment : Experiment
+    model : ForwardModel
+        With K and h as coordinates, as a `MembraneSurrogate`.
+
+    Returns
+    -------
+    tuple of float, or None
+        None also if fewer than two laws have such a shape.
+    """
+    if measurement.axial_length is None:
+        return None
+    seen = LengthsLikelihood.of(measurement).with_half_width(experiment.half_width.value, experiment.half_width.error)
+    ends = [
+        (model.coordinates[name].low, model.coordinates[name].null_value, model.coordinates[name].high) for name in _LAW
+    ]
+    inputs, found = Inputs.of(measurement, experiment), []
+    for law in product(*ends):
+        place = _nearest(model.fixed(**dict(zip(_LAW, law, strict=True))), seen)
+        if place is not None:
+            flow, viscosity = inputs.mean_velocity(place[1]), inputs.viscosity.value
+            found.append(surface_shear_modulus(viscosity=viscosity, mean_velocity=flow, capillary_number=place[0]))
+    return (float(min(found)), float(max(found))) if len(found) > 1 else None
+
+
+def _nearest(model: ForwardModel, seen: LengthsLikelihood) -> tuple[float, float] | None:
+    """Return Ca and v_o/U of the shape with the nearest lengths, None if it is too far."""
+    bounds = np.array(model.domain.bounds)
+    low, high = np.array([np.log(bounds[0, 0]), bounds[1, 0]]), np.array([np.log(bounds[0, 1]), bounds[1, 1]])
+    cell = (high - low) / _CELLS
+    offsets = np.stack(np.meshgrid(*(np.arange(count) + 0.5 for count in _CELLS), indexing="ij"), axis=-1)
+    points: Floats = low + cell * offsets.reshape(-1, 2)
+    for _ in range(_HALVINGS + 1):
+        there = ModelAtPoints.of(model({"capillary_number": np.exp(points[:, 0]), "size_ratio": points[:, 1]}))
+        distance = np.nan_to_num(seen.distance(there), nan=np.inf)
+        best = int(np.argmin(distance))
+        around = np.stack(np.meshgrid(*2 * [np.arange(-2, 3) / 2.0], indexing="ij"), axis=-1).reshape(-1, 2)
+        nearest = points[best], distance[best], there.velocity_ratio[best]
+        points, cell = points[best] + cell * around, 0.5 * cell
+    if nearest[1] > _FARTHEST:
+        return None
+    return float(np.exp(nearest[0][0])), float(nearest[2])
+
+
+# Shares of the inputs in the uncertainty of G_s and of a.
+#
+# Viscosity and velocity multiply G_s and are independent of the shape: their shares are
+# their variances of log G_s, exactly, and nothing of that of log a. Where the
+# lengths are over l, the half width multiplies a in the same way. A further
+# coordinate of the model contributes the variance of the mean of the logarithm from one
+# of its values to another. For every other input the posterior is computed
+# again with the error of that input halved. Were the logarithm linear in it, its
+# part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
+# and the parts would add up to V; what is missing to one is due to the prior
+# and to the curvature of the model
+
+REST = "prior and curvature"
+QUANTITIES = ("surface_shear_modulus", "capsule_radius")
+
+_LARGEST_REST = 0.5
+_ROUNDED = 5e-4  # of a share as it is printed
+
+
+def add_up(shares: Mapping[str, float]) -> bool:
+    """Tell whether shares are such: none is below zero or above one, and no more than half is owed to no input."""
+    inputs = (share for name, share in shares.items() if name != REST)
+    return all(-_ROUNDED <= share <= 1.0 + _ROUNDED for share in inputs) and abs(shares.get(REST, 0.0)) <= _LARGEST_REST
+
+
+def variance_shares(
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, *quantities: str
+) -> dict[str, dict[str, float]]:
+    """Return the share of the variance of the logarithm of each quantity due to each input.
+
+    Parameters
+    ----------
+    engine : ExactEngine
+    measurement : Measurement
+    posterior : ExactPosterior
+        Of that measurement.
+    *quantities : str
+        Of `QUANTITIES`.
+
+    Returns
+    -------
+    dict of dict
+        By quantity, by name of the input; those of a quantity add up to one.
+    """
+    totals = {quantity: _variance(posterior, quantity) for quantity in quantities}
+    shares = {quantity: _of_factors(posterior, quantity, total) for quantity, total in totals.items()}
+    for name, halved in _each_halved(engine, measurement, posterior):
+        for quantity, total in totals.items():
+            shares[quantity][name] = (total - _variance(halved, quantity)) / (0.75 * total)
+    return {quantity: found | {REST: 1.0 - sum(found.values())} for quantity, found in shares.items()}
+
+
+def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[str, float]:
+    """Return the shares of the inputs that the shape does not depend on, and of a further coordinate."""
+    density = posterior.density
+    of_modulus = quantity == "surface_shear_modulus"
+    shares = {
+        "viscosity": density.viscosity.variance / total if of_modulus else 0.0,
+        "capsule_velocity": density.capsule_velocity.variance / total if of_modulus else 0.0,
+    }
+    flow, by_rate_alone = density.flow(None), density.inputs.by_flow_rate
+    if flow is not None:  # the weights of both sources of U, and those of a length and of the flow rate as sources of l
+        width = 0.0 if density.shape_depends_on_half_width else flow.half_width
+        whole = flow.velocity + flow.rate + 4.0 * width
+        weight = 1.0 if by_rate_alone else flow.velocity / whole
+        by_rate, own = (weight, 0.0) if of_modulus else (2.0 * width / whole, 1.0)
+        shares["capsule_velocity"] = (1.0 - own - by_rate) ** 2 * flow.velocity / total
+        shares["flow_rate"] = by_rate**2 * flow.rate / total
+        shares["half_width"] = (own - 2.0 * by_rate) ** 2 * width / total
+    if isinstance(posterior, MixedPosterior):
+        shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
+    if isinstance(posterior, WeightedPosterior):
+        for coordinate in density.coordinates:
+            shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
+    if not density.shape_depends_on_half_width and flow is None:
+        shares["half_width"] = 0.0 if of_modulus else density.half_width.variance / total
+    if by_rate_alone or density.inputs.viscous_tension:
+        del shares["capsule_velocity"]
+    if density.inputs.viscous_tension:
+        shares["viscous_tension"] = shares.pop("viscosity")
+    return shares
+
+
+def _variance(posterior: ExactPosterior, quantity: str) -> float:
+    return posterior.log_marginal(quantity).sd ** 2
+
+
+def _each_halved(
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior
+) -> Iterator[tuple[str, ExactPosterior]]:
+    inputs = posterior.density.inputs
+    again = engine_near(engine, posterior)
+    if measurement.outline is not None:
+        noise = measurement.outline.noise
+        sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
+        yield "outline", again(replace(measurement, outline=sharper), inputs=inputs)
+        if measurement.length_with_outline is not None:
+            half = replace(measurement, axial_length_error=0.5 * measurement.length_with_outline[1])
+            yield "axial_length", again(half, inputs=inputs)
+        if posterior.density.by_thickness:
+            yield from _of_half_width(again, measurement, posterior)
+        yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
+        return
+    half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
+    yield "axial_extent", again(half, inputs=inputs)
+    if measurement.axial_length_error is not None:
+        half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
+        yield "axial_length", again(half, inputs=inputs)
+    yield from _of_half_width(again, measurement, posterior)
+    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
+
+
+def _of_half_width(
+    again: Callable[..., ExactPosterior], measurement: Measurement, posterior: ExactPosterior
+) -> Iterator[tuple[str, ExactPosterior]]:
+    if posterior.density.shape_depends_on_half_width:
+        inputs = posterior.density.inputs
+        narrow = replace(inputs, half_width=inputs.half_width.rescaled(inputs.half_width.value, 0.5))
+        yield "half_width", again(measurement, inputs=narrow)
+
+
+# From a measurement to the posterior of the capsule
 
 ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine

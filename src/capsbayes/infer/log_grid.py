@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.kernel import compiled
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.likelihood import compiled
+from capsbayes.infer.prior import Marginal
 from capsbayes.quantity import Quantity
 
 CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far below the printed digits

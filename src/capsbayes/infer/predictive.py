@@ -1,7 +1,7 @@
 """What a posterior and its prior predict of a measurement, and the log-likelihood of what was measured, for ArviZ.
 
 The prior of the mean velocity has no limits, so that nothing can be drawn from it alone: the prior here is that given
-the measured velocity (or the viscous tension), as in `capsbayes.infer.misfit`.
+the measured velocity (or the viscous tension), as in `capsbayes.infer.verdict`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, bending, capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.exact import exact_engine
-from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.likelihood import ModelAtPoints
-from capsbayes.infer.prior import THICKNESS, Coordinate, Prior
+from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 

@@ -1,46 +1,195 @@
-"""Prior distributions, stated on physical quantities, and the further coordinates of a model with their priors.
-
-G_s is log-uniform and a uniform by default, each over a range; the user can give
-any distribution. The mean velocity U of the flow is log-uniform without limits. They
-are independent of each other, of the inputs (viscosity, half width) and of the
-further coordinates of the model, which have any distribution and do not
-change what follows.
-
-The posterior is computed in (log Ca, a/l, v_o), the variables of the model and
-of the measured velocity. At given viscosity mu and half width l
-
-    log G_s = log mu + log U - log Ca,    a = l (a/l),    log U = log v_o - log r(Ca, a/l)
-
-with r = v_o/U of the model, and the matrix of derivatives of (log G_s, a, log U)
-by (log Ca, a/l, v_o) is
-
-    [ -1 - r_1   -r_2   1/v_o ]
-    [    0         l      0   ]       r_1 = d log r / d log Ca,  r_2 = d log r / d(a/l)
-    [   -r_1     -r_2   1/v_o ]
-
-Its determinant is -l/v_o: the derivatives of r cancel. So the prior density in
-(log Ca, a/l, v_o) is p(log G_s) p(a) l / v_o, and its support is the domain of
-the model.
-"""
+"""Priors of the capsule, of the membrane and of the inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import AREAS, Experiment, mean_velocity
 from capsbayes.files.input_file import InputFile
+from capsbayes.measurement import Measurement
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
 from capsbayes.quantity import Given, Quantity
+
+# Summary of one quantity: mean, standard deviation, median, equal-tailed 68 % and 95 % intervals
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """Summary of the posterior of one quantity.
+
+    Parameters
+    ----------
+    mean, sd : float
+        Mean and standard deviation.
+    median : float
+        Half of the probability lies below.
+    lower_68, upper_68 : float
+        16 % of the probability lies below the one and above the other.
+    lower_95, upper_95 : float
+        2.5 % of the probability lies below the one and above the other.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> marginal = Marginal.of_draws(np.arange(1001.0))
+    >>> marginal.median, marginal.lower_68, marginal.upper_95
+    (500.0, 160.0, 975.0)
+    """
+
+    LEVELS: ClassVar[tuple[float, ...]] = (0.5, 0.16, 0.84, 0.025, 0.975)
+
+    mean: float
+    sd: float
+    median: float
+    lower_68: float
+    upper_68: float
+    lower_95: float
+    upper_95: float
+
+    @classmethod
+    def known(cls, value: float) -> Marginal:
+        """Return the summary of a number without error."""
+        return cls(value, 0.0, value, value, value, value, value)
+
+    @classmethod
+    def of_draws(cls, draws: ArrayLike) -> Marginal:
+        """Return the summary of equally weighted draws of any shape."""
+        flat = np.ravel(draws)
+        quantiles = (float(value) for value in np.quantile(flat, cls.LEVELS))
+        return cls(float(flat.mean()), float(flat.std()), *quantiles)
+
+    def contains(self, value: float, *, level: int) -> bool:
+        """Return whether the 68 % or the 95 % interval holds a value."""
+        lower, upper = self.ends(level)
+        return lower <= value <= upper
+
+    def ends(self, level: int) -> tuple[float, float]:
+        """Return the ends of the 68 % or the 95 % interval."""
+        return {68: (self.lower_68, self.upper_68), 95: (self.lower_95, self.upper_95)}[level]
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the fields by name, for files."""
+        return asdict(self)
+
+
+# Inputs with an error other than the lengths: viscosity, half width, velocity of the capsule and flow rate
+
+LOOSEST_VELOCITY = 0.25
+"""Largest relative standard error of a velocity or flow rate: beyond it the flow could be arbitrarily slow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2.
+
+    Where only the product mu U is known, `viscous_tension` is True: the viscosity is that product over 1 m/s, the
+    velocity is 1 m/s, and the posterior density takes v_o/U as one, so that G_s = mu U / Ca. Where the velocity was not
+    measured, it is NaN, and the flow rate alone tells U.
+    """
+
+    viscosity: Quantity
+    half_width: Quantity
+    capsule_velocity: Quantity
+    flow_rate: Quantity | None = None
+    area: float = 4.0
+    viscous_tension: bool = False
+
+    @classmethod
+    def of(cls, measurement: Measurement, experiment: Experiment) -> Inputs:
+        """Gather the inputs from the measurement and the experiment."""
+        return cls.of_experiment(experiment).with_velocity_of(measurement)
+
+    @property
+    def by_flow_rate(self) -> bool:
+        """True if the flow rate is the only source of U."""
+        return self.flow_rate is not None and bool(np.isnan(self.capsule_velocity.value))
+
+    @property
+    def first_source(self) -> Inputs:
+        """The same without a flow rate that is a second source of U."""
+        return self if self.by_flow_rate else replace(self, flow_rate=None)
+
+    def mean_velocity(self, velocity_ratio: ArrayLike) -> Floats:
+        """Return U [m/s] by the central values of the inputs: of the flow rate alone if the velocity is missing."""
+        if self.flow_rate is not None and self.by_flow_rate:
+            return np.full(np.shape(velocity_ratio), self.flow_rate.value / (self.area * self.half_width.value**2))
+        ratio = np.ones(np.shape(velocity_ratio)) if self.viscous_tension else velocity_ratio
+        return mean_velocity(capsule_velocity=self.capsule_velocity.value, velocity_ratio=ratio)
+
+    @classmethod
+    def of_experiment(cls, experiment: Experiment) -> Inputs:
+        """Return the inputs that many capsules share, with NaN as the velocity."""
+        velocity, area = Quantity(np.nan, unit="m/s"), AREAS[experiment.cross_section]
+        if experiment.viscous_tension is not None:
+            velocity = Quantity(1.0, unit="m/s")
+            return cls(experiment.viscous_tension, experiment.half_width, velocity, area=area, viscous_tension=True)
+        return cls(experiment.viscosity, experiment.half_width, velocity, area=area)
+
+    def with_velocity_of(self, measurement: Measurement) -> Inputs:
+        """Return the same viscosity and half width with the velocity of a capsule and the flow rate.
+
+        Raises
+        ------
+        InputError
+            If the measurement failed, has neither velocity nor flow rate, one of them is less certain than
+            `LOOSEST_VELOCITY`, a flow rate alone has no error, or it contradicts a viscous tension.
+        """
+        if not measurement.status.ok:
+            where = measurement.source or "measurement"
+            raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
+        if self.viscous_tension:
+            if measurement.flow_rate is not None:
+                where = measurement.source or "measurement"
+                raise InputError(where, "flow_rate", "none: the experiment states viscous_tension", "one")
+            return self
+        rate = measurement.flow_rate and Quantity(measurement.flow_rate, measurement.flow_rate_error or 0.0, "m^3/s")
+        by_rate = rate is not None and measurement.capsule_velocity is None
+        if by_rate and not measurement.flow_rate_error:
+            expected = "a standard error, as no velocity is stated"
+            raise InputError(measurement.source or "measurement", "flow_rate", expected, "none")
+        velocity = self.capsule_velocity if by_rate else measurement.known_velocity
+        for key, seen in (("capsule_velocity", velocity), ("flow_rate", rate)):
+            if seen is not None and seen.error > LOOSEST_VELOCITY * seen.value:
+                where, what = measurement.source or "measurement", key.rpartition("_")[2]
+                expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {what}"
+                raise InputError(where, key, expected, f"{seen.error / seen.value:.0%}")
+        return replace(self, capsule_velocity=velocity, flow_rate=rate)
+
+
+# Prior distributions, stated on physical quantities, and the further coordinates of a model with their priors.
+#
+# G_s is log-uniform and a uniform by default, each over a range; the user can give
+# any distribution. The mean velocity U of the flow is log-uniform without limits. They
+# are independent of each other, of the inputs (viscosity, half width) and of the
+# further coordinates of the model, which have any distribution and do not
+# change what follows.
+#
+# The posterior is computed in (log Ca, a/l, v_o), the variables of the model and
+# of the measured velocity. At given viscosity mu and half width l
+#
+#     log G_s = log mu + log U - log Ca,    a = l (a/l),    log U = log v_o - log r(Ca, a/l)
+#
+# with r = v_o/U of the model, and the matrix of derivatives of (log G_s, a, log U)
+# by (log Ca, a/l, v_o) is
+#
+#     [ -1 - r_1   -r_2   1/v_o ]
+#     [    0         l      0   ]       r_1 = d log r / d log Ca,  r_2 = d log r / d(a/l)
+#     [   -r_1     -r_2   1/v_o ]
+#
+# Its determinant is -l/v_o: the derivatives of r cancel. So the prior density in
+# (log Ca, a/l, v_o) is p(log G_s) p(a) l / v_o, and its support is the domain of
+# the model
 
 LEAST_COVERED = 0.8
 """Of the mass of the prior of a coordinate, by the range of the model."""
@@ -338,3 +487,186 @@ def check_coordinates(model: ForwardModel, prior: Prior) -> None:
         if ("bending" if other == THICKNESS else other) not in names:
             known = f"a coordinate of {model.name}" + (f" ({', '.join(names)})" if names else "")
             raise InputError("prior", other, known, f"a model of ({', '.join(('Ca', 'a/l', *names))})")
+
+
+# What is known of a membrane: its law, moduli, inflation and thickness, as a model and the priors of what is left
+
+UNKNOWN = "unknown"
+
+LAWS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        UNKNOWN: {},
+        "neo-Hookean": {"area_dilation_modulus": 3.0, "strain_hardening": 0.0},
+        "Blatz-Ko": {"strain_hardening": 0.0},
+        "Skalak": {"strain_hardening": 1.0},
+    }
+)
+"""Values that a law has of K and h, see `capsbayes.physics.membrane.GeneralLaw`."""
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """What is known of the membrane of a capsule.
+
+    Each number is known, uncertain, or unknown: ``3.0``, ``"1.5 +/- 0.3"`` or ``"1 .. 2"``, None or ``"unknown"``. What
+    is known is fixed in the model, what is uncertain has this prior, what is unknown the default one.
+
+    Parameters
+    ----------
+    law : str
+        One of `LAWS`, in any case.
+    area_dilation_modulus : Quantity, optional [G_s]
+        Area dilation modulus K = K_s / G_s.
+    strain_hardening : Quantity, optional [-]
+        Share h of Skalak's energy.
+    pre_inflation : Quantity, optional [-]
+        Pre-inflation alpha, the radius added by inner pressure over that without.
+    bending : Quantity, optional [G_s a^2]
+        Bending modulus B.
+    membrane_thickness : Quantity, optional [m]
+        Thickness t, which determines B, in place of B.
+    hardening : Quantity, optional [-]
+        C of Skalak's law, in place of K = 1 + 2 C.
+    source : str
+        File or argument in which it is stated, for error messages.
+
+    Raises
+    ------
+    InputError
+        On an unknown law, a value that cannot be read, or two statements of one number.
+
+    Examples
+    --------
+    >>> from capsbayes.surrogate import MembraneSurrogate
+    >>> model, prior = Membrane("Skalak", hardening=1.0).applied(MembraneSurrogate.open("square"), Prior())
+    >>> model.name
+    'square-membrane at strain_hardening = 1, area_dilation_modulus = 3'
+    >>> list(model.coordinates), dict(prior.coordinates)
+    (['pre_inflation', 'bending'], {})
+    """
+
+    law: str = UNKNOWN
+    area_dilation_modulus: Given | None = None
+    strain_hardening: Given | None = None
+    pre_inflation: Given | None = None
+    bending: Given | None = None
+    membrane_thickness: Given | None = None
+    hardening: Given | None = None
+    source: str = "membrane"
+
+    def __post_init__(self) -> None:
+        known = {law.lower(): law for law in LAWS}
+        if not isinstance(self.law, str) or self.law.lower() not in known:
+            raise InputError(self.source, "law", f"one of {', '.join(LAWS)}", repr(self.law))
+        object.__setattr__(self, "law", known[self.law.lower()])
+        for name in KEYS:
+            object.__setattr__(self, name, self._read(name))
+        self._check()
+
+    @classmethod
+    def read(cls, path: str | Path) -> Membrane | None:
+        """Read the table ``[membrane]`` of a measurement's file, whose keys are the parameters; None without one.
+
+        Raises
+        ------
+        InputError
+            Naming file, key, what was expected and what was found.
+        """
+        file = InputFile.read(path)
+        if "membrane" not in file.content:
+            return None
+        return cls(**file.table("membrane", optional=("law", *KEYS)), source=f"{path}: membrane")
+
+    def with_texts(self, texts: Mapping[str, str], *, where: str) -> Membrane:
+        """Return a copy in which parameters are replaced, given by name in text form."""
+        return replace(self, **dict(texts), source=where)
+
+    def applied(self, model: ForwardModel, prior: Prior) -> tuple[ForwardModel, Prior]:
+        """Fix what is known in a model, and add what is uncertain to a prior.
+
+        Parameters
+        ----------
+        model : ForwardModel
+            With these parameters as coordinates, as `capsbayes.surrogate.MembraneSurrogate`.
+        prior : Prior
+
+        Raises
+        ------
+        InputError
+            If the model has no such coordinate, a known value lies beyond its range, or the prior states one of them
+            already.
+        """
+        stated = self._stated()
+        fixed = {name: one.value for name, one in stated.items() if one.known and name != THICKNESS}
+        for name, value in fixed.items():
+            ends = model.coordinates.get(name)
+            if ends is None or not ends.low <= value <= ends.high:
+                expected = (
+                    "nothing, as the model does not have it" if ends is None else f"{ends.low:g} to {ends.high:g}"
+                )
+                raise InputError(self.source, name, expected, f"{value:g}")
+        for name in stated:
+            if name in prior.coordinates:
+                raise InputError(self.source, name, "one statement of it", f"{stated[name]}, and a prior")
+        uncertain = {name: one for name, one in stated.items() if name not in fixed}
+        believed = replace(prior, coordinates={**prior.coordinates, **uncertain})
+        return (model.fixed(**fixed) if fixed else model), believed
+
+    def _read(self, name: str) -> Quantity | None:
+        given = getattr(self, name)
+        if given is None or given == UNKNOWN:
+            return None
+        units = (PARAMETERS[name].si,)
+        try:
+            return Quantity.of(given, name, where=self.source, units=units, signed=name != THICKNESS)
+        except InputError as error:
+            example = "0.6 +/- 0.2 um" if name == THICKNESS else "1.5 +/- 0.3"
+            expected = f'a number, a text as "{example}", or "{UNKNOWN}"'
+            raise InputError(self.source, name, expected, error.got, error.advice) from None
+
+    def _check(self) -> None:
+        """Refuse two statements of one number."""
+        of_law = LAWS[self.law]
+        for name in of_law:
+            if getattr(self, name) is not None:
+                raise InputError(self.source, name, f"nothing, as {self.law} states it", str(getattr(self, name)))
+        if self.hardening is not None and (self.law != "Skalak" or self.area_dilation_modulus is not None):
+            expected = "nothing but with the law Skalak, whose area_dilation_modulus K is 1 + 2 C then"
+            raise InputError(self.source, "hardening", expected, str(self.hardening))
+        if self.bending is not None and self.membrane_thickness is not None:
+            raise InputError(self.source, f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
+
+    def _stated(self) -> dict[str, Quantity]:
+        """Return what is known or uncertain, by the names of coordinates and that of the thickness."""
+        found = {name: Quantity(value) for name, value in LAWS[self.law].items()}
+        for name in KEYS:
+            if name != "hardening" and getattr(self, name) is not None:
+                found[name] = getattr(self, name)
+        if self.hardening is not None:
+            found["area_dilation_modulus"] = self._of_hardening(self.hardening)
+        return found
+
+    def _of_hardening(self, hardening: Quantity) -> Quantity:
+        """Return K = 1 + 2 C."""
+        if hardening.shape == "uniform":
+            return Quantity.uniform(1.0 + 2.0 * hardening.low, 1.0 + 2.0 * hardening.high)
+        if hardening.shape != "normal":
+            expected = 'a number, a range as "0.5 .. 1.5" or a value with its error as "1.0 +/- 0.3"'
+            raise InputError(self.source, "hardening", expected, str(hardening))
+        return Quantity(1.0 + 2.0 * hardening.value, 2.0 * hardening.error, low=1.0 + 2.0 * hardening.low)
+
+
+KEYS = tuple(field.name for field in fields(Membrane) if field.name not in ("law", "source"))
+"""Names of the numbers of a membrane."""
+
+
+def refuse_membrane(path: str | Path, where: str) -> None:
+    """Refuse a measurement's file with a table ``[membrane]`` where the membrane is that of a database.
+
+    Raises
+    ------
+    InputError
+    """
+    if "membrane" in InputFile.read(path).content:
+        advice = "remove it, or use capsbayes identify"
+        raise InputError(str(path), "membrane", f"no such table in a capsule of {where}", "one", advice)

@@ -1,16 +1,11 @@
 """Sensitivity to the inputs, and design of measurements: error budget, Sobol indices, map of widths, flow rate."""
 
-from capsbayes.plan.budget import BudgetRow, ErrorBudget, error_budget
-from capsbayes.plan.design import FlowDesign, FlowPoint
-from capsbayes.plan.flow import flow_design
-from capsbayes.plan.identifiability import identifiability_map
-from capsbayes.plan.lab_errors import LabErrors
-from capsbayes.plan.membrane_design import FlowRisk, MembraneFlowDesign, PlannedFlows
-from capsbayes.plan.membrane_flow import membrane_flow_design
-from capsbayes.plan.membrane_map import membrane_map
-from capsbayes.plan.simulated import SimulatedWidths, simulated_widths
-from capsbayes.plan.sobol import sobol_indices, varied_range
-from capsbayes.plan.sobol_study import SobolIndex, SobolStudy
+from capsbayes.plan.budget import BudgetRow, ErrorBudget, SimulatedWidths, error_budget, simulated_widths
+from capsbayes.plan.flow import FlowDesign, FlowPoint, flow_design
+from capsbayes.plan.lab import LabErrors
+from capsbayes.plan.map import identifiability_map
+from capsbayes.plan.membrane import FlowRisk, MembraneFlowDesign, PlannedFlows, membrane_flow_design, membrane_map
+from capsbayes.plan.sobol import SobolIndex, SobolStudy, sobol_indices, varied_range
 
 __all__ = [
     "BudgetRow",

@@ -1,32 +1,105 @@
-"""Sobol indices of the paper's deterministic answer: the share of its variance that each input causes.
-
-The estimators compare answers in groups of samples that share all inputs but one, so that no sample may be missing.
-Lengths that belong to no capsule of the database therefore get the answer of the nearest shape that does. The study
-also gives the change of the indices when all groups with such a sample are omitted; those indices are biased too, since
-the inputs that remain are no longer independent.
-"""
+"""Sobol indices of the inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import norm, qmc
 
+from capsbayes import __version__
 from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.inputs import Inputs
+from capsbayes.infer.prior import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, STATED
-from capsbayes.plan.answers import ANSWERS, Answerer
-from capsbayes.plan.slopes import settings_of
-from capsbayes.plan.sobol_study import CONFIDENCE, SobolIndex, SobolStudy
+from capsbayes.plan.map import ANSWERS, Answerer, settings_of
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+# Sobol indices of each answer by each input, with the ranges that they hold for
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class SobolIndex:
+    """Indices of one input, each with half of its 95 % confidence interval."""
+
+    first: float  # share of the variance owed to this input alone
+    first_error: float
+    total: float  # owed to it alone or together with others
+    total_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class SobolStudy:
+    """First-order and total indices of each answer by each input."""
+
+    ranges: Mapping[str, Quantity]  # over which each input was varied
+    indices: Mapping[str, Mapping[str, SobolIndex]]  # by answer (G_s, a, Ca, a/l), then by input
+    mean: Mapping[str, float]  # of each answer over the ranges [SI]
+    sd: Mapping[str, float]
+    samples: int  # number of answers
+    outside: int  # how many of them had no exact shape and used the nearest
+    change: float  # largest change of an index of G_s or a without groups with such a sample; NaN if too few are left
+    groups: int
+    seed: int
+    notes: tuple[str, ...]
+    model_name: str
+    model_sha256: str
+    status: Status
+
+    def table(self, answer: str = "surface_shear_modulus") -> pd.DataFrame:
+        """Return the indices of one answer, a row for each input."""
+        import pandas as pd
+
+        return pd.DataFrame.from_dict(
+            {name: asdict(index) for name, index in self.indices[answer].items()}, orient="index"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all fields, ready for JSON."""
+        return {
+            "status": self.status.name,
+            "sentence": str(self.status),
+            "ranges": {
+                name: {"kind": quantity.shape, **dict(zip(("first", "second"), quantity.parameters, strict=True))}
+                for name, quantity in self.ranges.items()
+            },
+            "indices": {
+                answer: {name: asdict(index) for name, index in found.items()} for answer, found in self.indices.items()
+            },
+            "mean": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.mean.items()},
+            "sd": {name: {"value": value, "unit": PARAMETERS[name].unit} for name, value in self.sd.items()},
+            "samples": self.samples,
+            "outside": self.outside,
+            "largest_change_without_them": None if np.isnan(self.change) else self.change,
+            "groups": self.groups,
+            "confidence": CONFIDENCE,
+            "notes": list(self.notes),
+            "model": {"name": self.model_name, "sha256": self.model_sha256},
+            "seed": self.seed,
+            "version": __version__,
+        }
+
+
+# Sobol indices of the paper's deterministic answer: the share of its variance that each input causes.
+#
+# The estimators compare answers in groups of samples that share all inputs but one, so that no sample may be missing.
+# Lengths that belong to no capsule of the database therefore get the answer of the nearest shape that does. The study
+# also gives the change of the indices when all groups with such a sample are omitted; those indices are biased too,
+# since
+# the inputs that remain are no longer independent
 
 SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""

@@ -14,9 +14,9 @@ from capsbayes.errors import InputError
 from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import write_file
 from capsbayes.infer import Posterior
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
-from capsbayes.measurements.netcdf import opened as opened_dataset
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
+from capsbayes.measurement_sets import opened as opened_dataset
 from capsbayes.show.pages.database import database_page
 from capsbayes.show.pages.population import MOST_ROWS, population_page
 from capsbayes.show.pages.posterior import posterior_page

@@ -2,11 +2,11 @@
 
 from capsbayes.surrogate.corrected_membrane import CorrectedMembrane
 from capsbayes.surrogate.diffuse import DiffuseApproximation
-from capsbayes.surrogate.domain import DomainOfExistence
+from capsbayes.surrogate.effect import EffectSurrogate
 from capsbayes.surrogate.inverse import Inverse, InverseResult, inverse
-from capsbayes.surrogate.joint.surrogate import EffectSurrogate
-from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate
-from capsbayes.surrogate.surrogate import Surrogate, model_named
+from capsbayes.surrogate.membrane import MembraneSurrogate
+from capsbayes.surrogate.open import Surrogate, model_named
+from capsbayes.surrogate.plane import DomainOfExistence
 
 __all__ = [
     "CorrectedMembrane",

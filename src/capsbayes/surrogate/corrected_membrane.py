@@ -29,8 +29,7 @@ from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
 from capsbayes.model import Domain, ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
-from capsbayes.surrogate.membrane.domain import FixedMembraneDomain
-from capsbayes.surrogate.membrane.surrogate import MembraneSurrogate, parameter_columns
+from capsbayes.surrogate.membrane import FixedMembraneDomain, MembraneSurrogate, parameter_columns
 
 _NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 _NOTHING = 1e-4  # weight of a known error below which it does not count

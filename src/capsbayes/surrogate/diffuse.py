@@ -1,45 +1,47 @@
-"""Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
-
-The value at a query is that of the polynomial fitted there by weighted least
-squares (Nayroles, Touzot and Villon, Comput. Mech. 10, 307 (1992),
-doi:10.1007/BF00364252). Each case has its own radius, a multiple of the distance
-to its k-th neighbour, and its weight is a smooth function of the distance over
-that radius. So the weights, the value and the gradient vary smoothly with the
-query, whether the cases are dense or sparse.
-
-Alternatives were compared by leave-one-out over the 303 parachutes of the shipped
-square-neo-hookean database: mean error of Ca [%] over the 173 with
-Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
-gradient. One choice is changed at a time.
-
-==================  =======================================================================
-as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03^2) with
-                    s = (distance/radius)^2, plane (sqrt(Ca), a/l), branches apart
-degree              1: 0.65, 2: 0.43, 3: 0.34, 5: 0.33 (with k = 6, 9, 13, 28)
-neighbours          k = 17: 0.30, 26: 0.31
-dilation            1.7: 0.34, 2.5: 0.34
-softening           0.003: 0.27, 0.1: 0.28, 0.3: 0.31
-weight              the paper's 2 D^3 - 3 D^2 + 1: 0.49, Wendland's C2: 0.35, (1 - s)^4 without
-                    the pole: 0.39, exponent 2 or 6 with it: 0.32, 0.29
-plane               log(Ca): 0.28, Ca: 0.32; both steps as if cases lay half as far, or twice as
-                    far apart along Ca: 0.30, 0.37
-branches together   0.39, and several per cent at low Ca, where the shape jumps
-==================  =======================================================================
-
-With a pole in the weight the approximation nearly interpolates, which is an
-advantage as the cases have little noise. Softening by 0.03 keeps the derivatives
-small.
-"""
+"""Diffuse approximation (moving least squares) of tabulated values, and its tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
+
+# Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
+#
+# The value at a query is that of the polynomial fitted there by weighted least
+# squares (Nayroles, Touzot and Villon, Comput. Mech. 10, 307 (1992),
+# doi:10.1007/BF00364252). Each case has its own radius, a multiple of the distance
+# to its k-th neighbour, and its weight is a smooth function of the distance over
+# that radius. So the weights, the value and the gradient vary smoothly with the
+# query, whether the cases are dense or sparse.
+#
+# Alternatives were compared by leave-one-out over the 303 parachutes of the shipped
+# square-neo-hookean database: mean error of Ca [%] over the 173 with
+# Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
+# gradient. One choice is changed at a time.
+#
+# ==================  =======================================================================
+# as chosen           0.27: degree 4, k = 20, dilation 2, weight (1 - s)^4 / (s + 0.03^2) with
+#                     s = (distance/radius)^2, plane (sqrt(Ca), a/l), branches apart
+# degree              1: 0.65, 2: 0.43, 3: 0.34, 5: 0.33 (with k = 6, 9, 13, 28)
+# neighbours          k = 17: 0.30, 26: 0.31
+# dilation            1.7: 0.34, 2.5: 0.34
+# softening           0.003: 0.27, 0.1: 0.28, 0.3: 0.31
+# weight              the paper's 2 D^3 - 3 D^2 + 1: 0.49, Wendland's C2: 0.35, (1 - s)^4 without
+#                     the pole: 0.39, exponent 2 or 6 with it: 0.32, 0.29
+# plane               log(Ca): 0.28, Ca: 0.32; both steps as if cases lay half as far, or twice as
+#                     far apart along Ca: 0.30, 0.37
+# branches together   0.39, and several per cent at low Ca, where the shape jumps
+# ==================  =======================================================================
+#
+# With a pole in the weight the approximation nearly interpolates, which is an
+# advantage as the cases have little noise. Softening by 0.03 keeps the derivatives
+# small
 
 DEGREE = 4
 NEIGHBOURS = 20
@@ -295,3 +297,140 @@ def _weighted(shares, values):  # type: ignore[no-untyped-def]
                 for k in range(values.shape[1]):
                     sums[n, k] += share * values[i, k]
     return sums
+
+
+# Scaling of the plane (sqrt(Ca), a/l), in which the cases of a database lie about equally far apart
+
+
+@dataclass(frozen=True)
+class PlaneScaling:
+    """Coordinates (sqrt(Ca) / ca_step, (a/l) / size_step).
+
+    >>> PlaneScaling(ca_step=0.01, size_step=0.025).to_plane(0.09, 0.9).round(6)
+    array([30., 36.])
+    """
+
+    ca_step: float
+    size_step: float
+
+    @classmethod
+    def of(cls, capillary_number: Floats, size_ratio: Floats) -> PlaneScaling:
+        """Derive the steps from columns of equal a/l: medians of 3/4 of the gaps along them and of those between."""
+        sizes = np.round(size_ratio, 6)
+        columns = np.unique(sizes)
+        gaps = [np.diff(np.sort(np.sqrt(capillary_number[sizes == column]))) for column in columns]
+        return cls(0.75 * float(np.median(np.concatenate(gaps))), float(np.median(np.diff(columns))))
+
+    def to_plane(self, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
+        """Return the coordinates of (Ca, a/l) : (..., 2) array."""
+        return np.stack([np.sqrt(capillary_number) / self.ca_step, np.asarray(size_ratio) / self.size_step], axis=-1)
+
+    def from_plane(self, coordinates: Floats) -> Floats:
+        """Return (Ca, a/l) of coordinates : (..., 2) array."""
+        return np.stack([(coordinates[..., 0] * self.ca_step) ** 2, coordinates[..., 1] * self.size_step], axis=-1)
+
+    def slopes(self, capillary_number: ArrayLike) -> Floats:
+        """Return the derivatives of the two coordinates by Ca and by a/l, for the chain rule : (..., 2) array."""
+        root = np.sqrt(np.asarray(capillary_number, dtype=np.float64))
+        return np.stack([0.5 / (root * self.ca_step), np.full(root.shape, 1.0 / self.size_step)], axis=-1)
+
+
+# Fine table of a smooth function of the plane: bicubic Hermite cells with a continuous gradient.
+#
+# A value of moving least squares takes microseconds; a table of values, gradients
+# and cross derivatives gives it in tens of nanoseconds, with an error of fourth
+# order in the size of a cell
+
+
+@dataclass(frozen=True, eq=False)
+class HermiteTable:
+    """Table of q quantities over a regular lattice of a rectangle of the plane."""
+
+    origin: Floats  # (2,): first lattice point
+    step: Floats  # (2,)
+    coefficients: Floats  # (i, j, 4, q): value, first derivatives times step, cross derivative times both
+
+    @classmethod
+    def of(
+        cls,
+        function: Callable[[Floats], tuple[Floats, Floats]],
+        low: Floats,
+        high: Floats,
+        *,
+        cells: tuple[int, int],
+        wanted: Booleans,
+    ) -> HermiteTable:
+        """Tabulate a function of points (n, 2) with values (n, q), NaN where undefined, and gradients (n, q, 2)."""
+        # Lattice points that are not `wanted` (i, j) stay NaN.
+        axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
+        step = np.array([axis[1] - axis[0] for axis in axes])
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        value, gradient = function(lattice[wanted])
+        coefficients = np.full((*wanted.shape, 4, value.shape[1]), np.nan)
+        coefficients[wanted, 0] = value
+        coefficients[wanted, 1] = gradient[..., 0] * step[0]
+        coefficients[wanted, 2] = gradient[..., 1] * step[1]
+        # both cross derivatives are second-order accurate, as the fourth order of the table requires
+        ways = _differenced(coefficients[:, :, 1], axis=1), _differenced(coefficients[:, :, 2], axis=0)
+        coefficients[:, :, 3] = np.where(
+            np.isnan(ways[0]), ways[1], np.where(np.isnan(ways[1]), ways[0], sum(ways) / 2)
+        )
+        return cls(np.asarray(low, dtype=np.float64), step, coefficients)
+
+    def with_gradient(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return values (n, q) and gradients (n, q, 2) at points (n, 2); NaN next to lattice points without values."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        shape = (len(points), self.coefficients.shape[3])
+        value, gradient = np.empty(shape), np.empty((*shape, 2))
+        _interpolate(points, self.origin, self.step, self.coefficients, value, gradient)
+        return value, gradient
+
+
+def _differenced(field: Floats, axis: int) -> Floats:
+    """Return the central difference per lattice step, one-sided (second order) where a neighbour is missing."""
+    field = np.moveaxis(field, axis, 0)
+    padded = np.pad(field, [(2, 2)] + [(0, 0)] * (field.ndim - 1), constant_values=np.nan)
+    before2, before, after, after2 = padded[:-4], padded[1:-3], padded[3:-1], padded[4:]
+    central = (after - before) / 2
+    forward, backward = (4 * after - 3 * field - after2) / 2, (3 * field - 4 * before + before2) / 2
+    one_sided = np.where(np.isnan(forward), backward, forward)
+    return np.moveaxis(np.where(np.isnan(central), one_sided, central), 0, axis)
+
+
+@njit(cache=True, nogil=True)
+def hermite(x, y, coefficients, value, gradient):  # type: ignore[no-untyped-def]
+    """Evaluate one point in lattice units into value (q,) and gradient (q or 0, 2), the latter per lattice unit."""
+    i = min(max(int(np.floor(x)), 0), coefficients.shape[0] - 2)
+    j = min(max(int(np.floor(y)), 0), coefficients.shape[1] - 2)
+    s, t = x - i, y - j
+    value[:] = 0.0
+    gradient[:] = 0.0
+    for di in range(2):
+        a, a1, b, b1 = _cubics(s, di)
+        for dj in range(2):
+            c, c1, d, d1 = _cubics(t, dj)
+            node = coefficients[i + di, j + dj]
+            for q in range(len(value)):
+                value[q] += a * c * node[0, q] + b * c * node[1, q] + a * d * node[2, q] + b * d * node[3, q]
+            for q in range(len(gradient)):
+                gradient[q, 0] += a1 * c * node[0, q] + b1 * c * node[1, q] + a1 * d * node[2, q] + b1 * d * node[3, q]
+                gradient[q, 1] += a * c1 * node[0, q] + b * c1 * node[1, q] + a * d1 * node[2, q] + b * d1 * node[3, q]
+
+
+@njit(cache=True, nogil=True)
+def _cubics(s, end):  # type: ignore[no-untyped-def]
+    """Return the cubics of the value and of the slope at one end of [0, 1], each followed by its derivative."""
+    if end == 0:
+        r = 1.0 - s
+        return (1.0 + 2.0 * s) * r * r, -6.0 * s * r, s * r * r, r * (1.0 - 3.0 * s)
+    return s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s), s * s * (s - 1.0), s * (3.0 * s - 2.0)
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(points, origin, step, coefficients, value, gradient):  # type: ignore[no-untyped-def]
+    for n in range(len(points)):
+        x, y = (points[n, 0] - origin[0]) / step[0], (points[n, 1] - origin[1]) / step[1]
+        hermite(x, y, coefficients, value[n], gradient[n])
+        for q in range(value.shape[1]):
+            gradient[n, q, 0] /= step[0]
+            gradient[n, q, 1] /= step[1]

@@ -1,25 +1,8 @@
-"""Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
-
-Every step is the paper's: the lengths are rotated by -45 degrees; the cases in
-an elliptical neighbourhood of N = 14 are weighted by 2 D^3 - 3 D^2 + 1; the
-rotated lengths are fitted as linear functions of (Ca, a/l) by weighted least
-squares; the fit is inverted by a pseudo-inverse. v_o/U comes from the Delaunay
-triangle around the answer, the contour from the weighted mean of the
-neighbours' contours.
-
-The text's order of the two weights of the distance, 1 and 0.05, is ambiguous.
-The ellipse must be long along the cloud's long axis, which the rotation turns
-onto the first coordinate, hence (0.05, 1): measured on trial cases, the other
-order doubles the error of Ca.
-
-References
-----------
-Quesada, Dupont, Villon, Salsac, "Diffuse approximation for the identification
-of the mechanical properties of microcapsules", section "Inverse analysis approach".
-"""
+"""The deterministic inverse of the paper: Ca, a/l and v_o/U from L_z and L_a."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,10 +10,77 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from capsbayes.arrays import Floats, Integers
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import InputError
+from capsbayes.least_squares import Linearised, minimise
 from capsbayes.profile import Profile
+
+# Inversion of a map of the plane: the points at which a forward map gives wanted values, for a batch at once
+
+Forward = Callable[[Floats, Integers], tuple[Floats, Floats]]
+
+_UNIT = 1e-5  # of the values, which count as standard error
+_EXACT = 1e-10
+_LONGEST, _STEPS = 2.0, 60
+
+
+@dataclass(frozen=True, eq=False)
+class Inversion:
+    """Solutions of n problems."""
+
+    points: Floats  # (n, 2): NaN where no starting point lies within the map
+    misfit: Floats  # (n,): largest absolute difference from the wanted values; infinite without a point
+    exact: Booleans  # (n,): whether the values are reached to roundoff
+
+
+def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
+    """Invert a map of the plane for a batch; where no point gives the values (n, 2) exactly, find the nearest.
+
+    >>> def forward(x, rows):
+    ...     slope = np.stack([np.stack([2 * x[:, 0], 0 * x[:, 0]], 1), np.ones_like(x)], 1)
+    ...     return np.stack([x[:, 0] ** 2, x[:, 0] + x[:, 1]], 1), slope
+    >>> solve(forward, np.array([[4.0, 5.0], [9.0, 1.0]]), np.ones((1, 2, 2))).points.round(9).tolist()
+    [[2.0, 3.0], [3.0, -2.0]]
+    """
+    # `forward` maps points (k, 2) and the rows (k,) of their problems to values (k, 2) and gradients (k, 2, 2), NaN
+    # where it is not defined. Of `starts` (s, n, 2), the best first, the next is tried where the last led to no exact
+    # solution.
+
+    def evaluate(points: Floats, rows: Integers) -> Linearised:
+        values, gradients = forward(points, rows)
+        return Linearised(points, (values - wanted[rows]) / _UNIT, gradients / _UNIT)
+
+    nowhere = np.full(wanted.shape, np.nan)
+    found = Linearised(nowhere, nowhere.copy(), np.full((*wanted.shape, 2), np.nan))
+    misfit = np.full(len(wanted), np.inf)
+    for start in np.asarray(starts, dtype=np.float64):
+        rows = np.flatnonzero(misfit >= _EXACT)
+        if not len(rows):
+            break
+        found.take_better(rows, minimise(evaluate, evaluate(start[rows], rows), rows, _LONGEST, _STEPS))
+        misfit = np.nan_to_num(_UNIT * np.abs(found.residuals).max(axis=1), nan=np.inf)
+    return Inversion(found.points, misfit, misfit < _EXACT)
+
+
+# Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
+#
+# Every step is the paper's: the lengths are rotated by -45 degrees; the cases in
+# an elliptical neighbourhood of N = 14 are weighted by 2 D^3 - 3 D^2 + 1; the
+# rotated lengths are fitted as linear functions of (Ca, a/l) by weighted least
+# squares; the fit is inverted by a pseudo-inverse. v_o/U comes from the Delaunay
+# triangle around the answer, the contour from the weighted mean of the
+# neighbours' contours.
+#
+# The text's order of the two weights of the distance, 1 and 0.05, is ambiguous.
+# The ellipse must be long along the cloud's long axis, which the rotation turns
+# onto the first coordinate, hence (0.05, 1): measured on trial cases, the other
+# order doubles the error of Ca.
+#
+# References
+# ----------
+# Quesada, Dupont, Villon, Salsac, "Diffuse approximation for the identification
+# of the mechanical properties of microcapsules", section "Inverse analysis approach"
 
 DISTANCE_WEIGHTS = (0.05, 1.0)
 FEWEST_NEIGHBOURS = 5  # three unknowns, and the farthest neighbour has no weight

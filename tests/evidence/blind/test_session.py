@@ -9,7 +9,7 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, Noise, draw_session, true_effect_named
 from capsbayes.evidence.blind.capsule import edge_errors
-from capsbayes.measured_outline import OutlineNoise
+from capsbayes.measurement import OutlineNoise
 from capsbayes.profile import Profile
 
 NONE = TRUE_EFFECTS["none"]

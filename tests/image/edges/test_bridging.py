@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.bridging import bridge_errors, bridged, within
+from capsbayes.image.edge_models import bridge_errors, bridged, within
 
 RADIUS, COUNT = 40.0, 200
 

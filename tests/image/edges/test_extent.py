@@ -8,7 +8,7 @@ import scipy.stats
 from known_outlines import ellipse, noisy
 from scipy.signal import savgol_coeffs
 
-from capsbayes.image.edges.extent import furthest_point
+from capsbayes.image.edges import furthest_point
 
 
 @pytest.mark.parametrize(("a", "b"), [(30.0, 30.0), (40.0, 20.0), (20.0, 40.0)])

@@ -6,9 +6,8 @@ from drawn import HALF_WIDTH, circle, drawn
 from known_outlines import ellipse, noisy
 from scipy.special import ellipe
 
-from capsbayes.image.edges.extent import EDGE_FLOOR
-from capsbayes.image.edges.integrals import centroid, centroid_variance, integrate_silhouette
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.edges import EDGE_FLOOR, centroid, centroid_variance, integrate_silhouette
+from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.profile import Profile

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from capsbayes.image.edges.models import Model, _evaluated, locate
+from capsbayes.image.edge_models import Model, _evaluated, locate
 
 SAMPLES = np.arange(-9.0, 10.0)
 COEFFICIENTS = {

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from capsbayes.image.edges.outline import _blur_at, averaged, locate_edge, pixel_noise, thinned
+from capsbayes.image.edges import _blur_at, averaged, locate_edge, pixel_noise, thinned
 
 RADIUS, CENTRE, FINE = 20.0, np.array([34.3, 31.8]), 5
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates, spline_filter
 
-from capsbayes.image.edges.profiles import (
+from capsbayes.image.edge_models import (
     curvatures,
     mean_squares,
     means_of_arcs,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
-from capsbayes.image.edges.rear import _CURVATURES, _along_rays, _coarse, find_rear
+from capsbayes.image.edges import _CURVATURES, _along_rays, _coarse, find_rear
 
 END, LENGTH, HALF_HEIGHT = np.array([20.0, 40.0]), 100.0, 34.0
 

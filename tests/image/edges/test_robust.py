@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.image.edges.robust import fit_without_outliers, median, quantile, robust_spread, wider_by_few
+from capsbayes.image.edge_models import fit_without_outliers, median, quantile, robust_spread, wider_by_few
 
 X = np.linspace(-1.0, 1.0, 41)
 DESIGN = np.stack([np.ones_like(X), X], axis=1)

@@ -9,8 +9,7 @@ from tiff import tiff_behind_one_directory
 
 from capsbayes.errors import InputError
 from capsbayes.files.recording import is_film
-from capsbayes.image.files.film import Film
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Film, Picture
 
 FRAMES = [exposed(np.full((40, 64), 20.0 + 10.0 * number), number) for number in range(12)]
 

@@ -4,7 +4,7 @@ import PIL.Image
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.image.files.picture import Picture
+from capsbayes.image.files import Picture
 
 GREY = np.tile(np.arange(20, 220, 2, dtype=np.uint8), (40, 1))
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.grid.lattice import CoarseTable, Window
+from capsbayes.infer.grid import CoarseTable, Window
 
 
 def test_nodes_are_the_centres_of_the_cells():

@@ -7,10 +7,9 @@ from polynomial_model import FoldedModel
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid.lattice import Window
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.grid import Window
+from capsbayes.infer.prior import Inputs, Prior
+from capsbayes.infer.quadrature import Quadrature
 from capsbayes.quantity import Quantity
 
 

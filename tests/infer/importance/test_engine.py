@@ -10,11 +10,9 @@ from scipy import stats
 from simulated_capsules import measured_capsule, mistakes
 
 from capsbayes.errors import InputError, NoShapeError
-from capsbayes.infer import Posterior, Prior, identify
-from capsbayes.infer.exact import exact_engine
-from capsbayes.infer.importance import engine as importance
-from capsbayes.infer.importance.engine import ImportanceSampling
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.infer import Posterior, Prior, identify, importance
+from capsbayes.infer.importance import ImportanceSampling, exact_engine
+from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.show.words.posterior import caveats
 from capsbayes.status import Status
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.infer.importance.engine import ImportanceSampling
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
+from capsbayes.infer.importance import ImportanceSampling
+from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import MembraneSurrogate
 

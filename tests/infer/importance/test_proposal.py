@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from capsbayes.infer.importance.proposal import Proposal
-from capsbayes.infer.importance.weights import effective, normalised
+from capsbayes.infer.proposal import Proposal, effective, normalised
 
 COUNT = 2**13
 

@@ -8,7 +8,7 @@ from membrane_model import MembraneModel
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior, Prior, identify
-from capsbayes.infer.importance.engine import ImportanceSampling
+from capsbayes.infer.importance import ImportanceSampling
 from capsbayes.quantity import Quantity
 from capsbayes.show.tables.posterior import prior_table
 from capsbayes.surrogate import Surrogate

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.infer.importance.weights import effective, normalised, pareto_shape, tempering
+from capsbayes.infer.proposal import effective, normalised, pareto_shape, tempering
 
 
 @pytest.mark.parametrize("shape", [0.2, 0.6, 1.0])

@@ -22,22 +22,20 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image import ByHand
 from capsbayes.infer import Quadrature, identify
-from capsbayes.infer.many import Population, identify_folder, listing, tasks
-from capsbayes.infer.many.listing import cross_section_and_view
-from capsbayes.infer.many.run import Run
-from capsbayes.infer.many.sampled import CheckTask, compared
+from capsbayes.infer import batch as listing
+from capsbayes.infer import batch as tasks
+from capsbayes.infer.batch import CheckTask, Run, compared, cross_section_and_view, identify_folder
+from capsbayes.infer.population import Population
 from capsbayes.infer.posterior import REPORTED
 from capsbayes.infer.prior import Prior
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-from capsbayes.measurement import Measurement
-from capsbayes.measurements import read_set, write_set
-from capsbayes.measurements.table import MeasuredLengths
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
+from capsbayes.measurement_sets import MeasuredLengths, read_set, write_set
 from capsbayes.quantity import Quantity
+from capsbayes.run import Store
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
-from capsbayes.work import Store
 
-identify_folder_module = import_module("capsbayes.infer.many.identify_folder")  # whose function has its name
+identify_folder_module = import_module("capsbayes.infer.batch")  # whose function has its name
 
 MODEL = PolynomialModel()
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
@@ -47,8 +45,9 @@ SCRIPT = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from test_identify_folder import EXPERIMENT, MODEL
-from capsbayes.infer.many import identify_folder, listing
-listing.ROWS = 3
+from capsbayes.infer import batch
+from capsbayes.infer.batch import identify_folder
+batch.ROWS = 3
 identify_folder(sys.argv[1], MODEL, EXPERIMENT, out=sys.argv[2], seed=1, scheduler="synchronous", check=0.0)
 """
 

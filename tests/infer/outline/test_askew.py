@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from capsbayes import Experiment, Measurement, Surrogate, identify
-from capsbayes.infer.outline import likelihood as of_outline
-from capsbayes.infer.outline.askew import askew_size, odd_directions, odd_part, rear_direction
-from capsbayes.infer.outline.likelihood import outline_likelihood
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.infer import outline as of_outline
+from capsbayes.infer.outline import askew_size, odd_directions, odd_part, outline_likelihood, rear_direction
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import equally_spaced, vertex_normals
 from capsbayes.status import Status
 

@@ -9,15 +9,16 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from capsbayes.errors import InputError
-from capsbayes.infer.outline.likelihood import (
+from capsbayes.infer.outline import (
     OutlineLikelihood,
     SilhouetteLength,
     aligned_with,
     check_view_of,
+    normal_distances,
     outline_likelihood,
+    posed_on,
 )
-from capsbayes.infer.outline.normal_distance import normal_distances, posed_on
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measurement import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 

@@ -9,12 +9,10 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer import identify
-from capsbayes.infer.grid import quadrature
-from capsbayes.infer.grid.lattice import Window
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-from capsbayes.measurement import Measurement
+from capsbayes.infer import identify, quadrature
+from capsbayes.infer.grid import Window
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.profile import Profile, vertex_normals
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate

@@ -9,10 +9,9 @@ import scipy.stats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.outline.likelihood import OutlineLikelihood, SilhouetteLength
-from capsbayes.measured_outline import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
-from capsbayes.measurement import Measurement
+from capsbayes.infer.outline import OutlineLikelihood, SilhouetteLength
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 

@@ -3,7 +3,7 @@ import warnings
 import numpy as np
 import pytest
 
-from capsbayes.infer.sampling.convergence import autocorrelation_time, bulk_ess, split_rhat, tail_ess
+from capsbayes.infer.sampling import autocorrelation_time, bulk_ess, split_rhat, tail_ess
 
 
 def autoregressive(rng, shape, memory):

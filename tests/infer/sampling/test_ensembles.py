@@ -3,11 +3,9 @@ import pytest
 from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.prior import Prior
-from capsbayes.infer.sampling.ensembles import Effort, sampled
-from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.infer.prior import Inputs, Prior
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.sampling import Effort, LogDensity, sampled
 
 
 def density_of(model, experiment, seen, kind=LogDensity):

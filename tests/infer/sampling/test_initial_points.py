@@ -5,11 +5,9 @@ import pytest
 from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid.quadrature import Quadrature
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.prior import Prior
-from capsbayes.infer.sampling.initial_points import starting_points
-from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.infer.prior import Inputs, Prior
+from capsbayes.infer.quadrature import Quadrature
+from capsbayes.infer.sampling import LogDensity, starting_points
 
 
 @pytest.mark.parametrize("name", ["capsule", "capsule_in_metres", "capsule_from_the_side"])

@@ -3,9 +3,8 @@ import pytest
 from density_of_all_inputs import DensityOfAllInputs
 
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.inputs import Inputs
-from capsbayes.infer.prior import Prior
-from capsbayes.infer.sampling.log_density import LogDensity
+from capsbayes.infer.prior import Inputs, Prior
+from capsbayes.infer.sampling import LogDensity
 from capsbayes.prediction import Prediction
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from pressed_shell import BENDING, distances
 
-from capsbayes.physics.capsule.bending import BentShell
-from capsbayes.physics.capsule.element_integrals import spheroid
-from capsbayes.physics.capsule.membrane_load import MembraneLoad
+from capsbayes.physics.load import BentShell, MembraneLoad, spheroid
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.surface import C2H, octasphere
 

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.derivatives import parameter_derivatives
-from capsbayes.physics.capsule.parameters import changed
-from capsbayes.physics.capsule.problem import Problem
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.membrane.general import GeneralLaw
-from capsbayes.physics.stokes.rectangular import SquareChannel
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.channel import SquareChannel
+from capsbayes.physics.load import changed
+from capsbayes.physics.membrane import GeneralLaw
+from capsbayes.physics.steady import Problem, parameter_derivatives, steady_state
+from capsbayes.physics.stokes import WallDiscretisation
 
 PROBLEM = Problem(
     GeneralLaw(2.0, 0.5),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.membrane_load import MembraneLoad
+from capsbayes.physics.load import MembraneLoad
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.surface import octasphere
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.outlines import profile, silhouette
+from capsbayes.physics.load import profile, silhouette
 from capsbayes.physics.surface import octasphere
 
 MESH = octasphere(8)

@@ -3,13 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.problem import Problem
-from capsbayes.physics.capsule.steady_state import bordered, steady_residual, steady_state
-from capsbayes.physics.continuation.arclength import fold, interpolated, traced
-from capsbayes.physics.continuation.branches import near_rest
+from capsbayes.physics.channel import SquareChannel
+from capsbayes.physics.continuation import fold, interpolated, near_rest, traced
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.rectangular import SquareChannel
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.steady import Problem, bordered, steady_residual, steady_state
+from capsbayes.physics.stokes import WallDiscretisation
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 

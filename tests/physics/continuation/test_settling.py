@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.problem import Problem
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.capsule.transient import transient
-from capsbayes.physics.continuation.branches import near_rest, parachute
-from capsbayes.physics.continuation.settling import is_shallow, is_stable, may_buckle, settled
+from capsbayes.physics.channel import SquareChannel
+from capsbayes.physics.continuation import is_shallow, is_stable, may_buckle, near_rest, parachute, settled
+from capsbayes.physics.load import profile
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.rectangular import SquareChannel
+from capsbayes.physics.steady import Problem, steady_state
+from capsbayes.physics.transient import transient
 from capsbayes.status import Status
 
 

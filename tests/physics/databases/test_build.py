@@ -16,7 +16,7 @@ from processes import members, python, wait_until
 import capsbayes
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.physics.databases.build import build_database
+from capsbayes.physics.build import build_database
 from capsbayes.status import Status
 
 HERE = "synchronous"

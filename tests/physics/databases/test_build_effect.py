@@ -10,7 +10,7 @@ from analytic_simulator import CASES, AnalyticSimulator
 
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.physics.databases.build import build_database
+from capsbayes.physics.build import build_database
 from capsbayes.physics.membrane import Skalak
 
 HERE = "synchronous"

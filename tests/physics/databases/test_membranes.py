@@ -5,7 +5,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
-from capsbayes.physics.databases.membranes import (
+from capsbayes.physics.scattered import (
     build_membranes,
     membrane_continuation,
     membrane_places,

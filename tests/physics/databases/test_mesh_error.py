@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from analytic_simulator import CASES, AnalyticSimulator
 
-from capsbayes.physics.databases.build import build_database
-from capsbayes.physics.databases.mesh_error import chosen_cases, mesh_error
-from capsbayes.physics.databases.outcome import Outcome
+from capsbayes.physics.build import Outcome, build_database, chosen_cases, mesh_error
 from capsbayes.status import Status
 
 

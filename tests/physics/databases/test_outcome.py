@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import numpy as np
 
-from capsbayes.physics.databases.outcome import Outcome, count_ended, variables_of
-from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.build import Outcome, count_ended, variables_of
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.stokes import WallDiscretisation
+from capsbayes.run import Store
 from capsbayes.status import Status
-from capsbayes.work import Store
 
 SIMULATOR = Simulator(refinement=4, walls=WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5))
 CASE = (0.05, 0.8)

@@ -4,8 +4,8 @@ import pytest
 
 from capsbayes import Database
 from capsbayes.errors import InputError
-from capsbayes.physics.databases.recipes import RECIPES, recipe_named
-from capsbayes.physics.simulation.simulator import Simulator
+from capsbayes.physics.recipes import RECIPES, recipe_named
+from capsbayes.physics.simulator import Simulator
 
 FINER = {"square-strain-hardening": 12, "square-hooke-share": 12, "square-bending": 12, "square-pre-inflation": 10}
 """Effects with which the error of a coarse mesh changes."""

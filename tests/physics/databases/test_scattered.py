@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.physics.databases.scattered import (
+from capsbayes.physics.membrane import GeneralLaw
+from capsbayes.physics.scattered import (
     Axis,
     Continuation,
     ScatteredState,
@@ -15,10 +16,9 @@ from capsbayes.physics.databases.scattered import (
     scattered_states,
     sobol_places,
 )
-from capsbayes.physics.membrane.general import GeneralLaw
-from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.stokes.walls import WallDiscretisation
-from capsbayes.work import Store
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.stokes import WallDiscretisation
+from capsbayes.run import Store
 
 HERE = {"scheduler": "synchronous", "progress": False}
 AXES = (

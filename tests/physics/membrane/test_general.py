@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from capsbayes import Simulator
 from capsbayes.errors import InputError
 from capsbayes.physics.membrane import GeneralisedHooke, GeneralLaw, NeoHookean, Skalak
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.stokes import WallDiscretisation
 
 stretches = st.floats(0.6, 1.6)
 moduli = st.floats(1.0, 5.0)

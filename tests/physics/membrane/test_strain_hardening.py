@@ -1,7 +1,6 @@
 """The mixture of the neo-Hookean law with one that hardens."""
 
-from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.membrane.strain_hardening import StrainHardening
+from capsbayes.physics.membrane import NeoHookean, StrainHardening
 
 
 def test_without_hardening_it_has_the_name_of_the_neo_hookean_law():

@@ -5,8 +5,8 @@ import pytest
 
 from capsbayes import Simulator, Status
 from capsbayes.errors import InputError
-from capsbayes.physics.capsule.outlines import profile, silhouette
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.load import profile, silhouette
+from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.physics.surface import D2, octasphere
 
 CASE = {"capillary_number": 0.05, "size_ratio": 0.8}

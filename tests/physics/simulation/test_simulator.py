@@ -7,7 +7,7 @@ import pytest
 from capsbayes import Simulator, Status
 from capsbayes.errors import InputError
 from capsbayes.physics.membrane import GeneralLaw
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.stokes import WallDiscretisation
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 SIMULATOR = Simulator(refinement=4, bending=1e-3, walls=COARSE_WALLS)

@@ -4,13 +4,12 @@ import pytest
 
 from capsbayes import Simulator
 from capsbayes.errors import CapsbayesError, InputError
-from capsbayes.physics.capsule.free_motion import FreeMotion
-from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.transient import STEADY, growth_rates, stable_step, transient
+from capsbayes.physics.channel import SquareChannel
 from capsbayes.physics.membrane import NeoHookean, Skalak
-from capsbayes.physics.simulation.snapshot import save_series
-from capsbayes.physics.stokes.rectangular import SquareChannel
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.simulator import save_series
+from capsbayes.physics.steady import FreeMotion, Iterate, Problem
+from capsbayes.physics.stokes import WallDiscretisation
+from capsbayes.physics.transient import STEADY, growth_rates, stable_step, transient
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 SIMULATOR = Simulator(refinement=4, bending=1e-3, walls=COARSE_WALLS)

@@ -5,7 +5,7 @@ import pytest
 
 from capsbayes import Simulator
 from capsbayes.errors import InputError
-from capsbayes.physics.simulation.unsteady import UnsteadySimulator
+from capsbayes.physics.simulator import UnsteadySimulator
 
 CASE = {"capillary_number": 0.06, "size_ratio": 0.85}
 SIMULATOR = Simulator(refinement=4)

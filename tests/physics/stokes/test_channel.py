@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.cross_sections import cross_section_named
-from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
-from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
+from capsbayes.physics.channel import (
+    CircularChannel,
+    RectangularChannel,
+    RoundedSquareChannel,
+    SquareChannel,
+    cross_section_named,
+)
 from capsbayes.physics.surface import C_INF_V, D4
 
 CHANNELS = [

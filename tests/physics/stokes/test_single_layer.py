@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from capsbayes.physics.stokes.single_layer import QuadratureChoice, SingleLayer
+from capsbayes.physics.stokes import QuadratureChoice, SingleLayer
 from capsbayes.physics.surface import octasphere
 
 ONE_RULE = QuadratureChoice(levels=(0.0,), rules=((6, 1), (6, 1)))

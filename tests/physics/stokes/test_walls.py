@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
 
-from capsbayes.physics.stokes.circular import CircularChannel, FourfoldTube
-from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
-from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.physics.stokes.stokeslet import images_gradient, images_matrix
-from capsbayes.physics.stokes.walls import WallDiscretisation, WallOperator
+from capsbayes.physics.channel import (
+    CircularChannel,
+    FourfoldTube,
+    RectangularChannel,
+    RoundedSquareChannel,
+    SquareChannel,
+)
+from capsbayes.physics.stokes import WallDiscretisation, WallOperator, images_gradient, images_matrix
 from capsbayes.physics.surface import D4
 
 

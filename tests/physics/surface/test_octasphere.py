@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.physics.surface import C_INF_V, D4, octasphere
-from capsbayes.physics.surface.octasphere import prolonged
+from capsbayes.physics.surface import C_INF_V, D4, octasphere, prolonged
 
 
 @pytest.mark.parametrize(("refinement", "unknowns"), [(6, 235), (8, 409), (12, 901)])

@@ -3,8 +3,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from capsbayes.physics.surface.quadrature import dunavant, singular, subdivided
-from capsbayes.physics.surface.shape_functions import LOCAL_NODES, p2, p2_gradient
+from capsbayes.physics.surface import LOCAL_NODES, dunavant, p2, p2_gradient, singular, subdivided
 
 
 def monomial(p, q):

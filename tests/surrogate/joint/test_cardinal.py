@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.joint.cardinal import CardinalCubics
+from capsbayes.surrogate.effect import CardinalCubics
 
 KNOTS = np.array([0.0, 0.01, 0.025, 0.05, 0.1])
 ALL = np.ones(5, dtype=bool)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.surrogate.joint.correspondence import Borders, matched, moving_borders, place
-from capsbayes.surrogate.joint.kernel import moved_along
+from capsbayes.surrogate.effect import Borders, matched, moved_along, moving_borders, place
 
 COLUMNS = np.array([0.8, 0.9, 1.0])
 PARACHUTE, CONVEX, NONE = 0, 1, -1

@@ -6,11 +6,17 @@ import pytest
 from capsbayes.errors import OutsideDatabaseError
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
 from capsbayes.profile import Profile
-from capsbayes.surrogate.membrane.coordinates import along_coordinates, coordinates
-from capsbayes.surrogate.membrane.kernel import averaged, each, reached
-from capsbayes.surrogate.membrane.local_fits import local_fits
-from capsbayes.surrogate.membrane.surrogate import OF_THE_MESH, MembraneSurrogate
-from capsbayes.surrogate.surrogate import Surrogate
+from capsbayes.surrogate.membrane import (
+    OF_THE_MESH,
+    MembraneSurrogate,
+    along_coordinates,
+    averaged,
+    coordinates,
+    each,
+    local_fits,
+    reached,
+)
+from capsbayes.surrogate.open import Surrogate
 from capsbayes.testing import check_model
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from nicegui import ui
 
-from capsbayes import viscosity as liquids
+from capsbayes import experiment as liquids
 from capsbayes.app.fields import QuantityField
 from capsbayes.app.stated import said
 from capsbayes.errors import CapsbayesError

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
-_CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.files.contour` reads, which is slow to import
+_CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.contour` reads, which is slow to import
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
     "picture": ("--velocity", "--flow-rate", "--background", *BY_HAND.values()),
@@ -96,7 +96,7 @@ def measure(
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.cli.measure.film import measure_film, measure_rtdc
     from capsbayes.experiment import Experiment
-    from capsbayes.work import resumable
+    from capsbayes.run import resumable
 
     kind = _kind(picture)
     speeds = {"--velocity": velocity, "--shared-velocity": shared_velocity, "--flow-rate": flow_rate}
@@ -164,8 +164,7 @@ def _measured_contour(
     points: str | None,
     flow: str | None,
 ) -> Measurement:
-    from capsbayes.image.files.contour import ContourFile
-    from capsbayes.image.measure_contour import measure_contour
+    from capsbayes.image.contour import ContourFile, measure_contour
     from capsbayes.quantity import Quantity
 
     contour = ContourFile.read(path, unit)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from capsbayes.experiment import Experiment
     from capsbayes.image import ByHand
-    from capsbayes.image.measure_film import FilmMeasurement
+    from capsbayes.image.film import FilmMeasurement
     from capsbayes.quantity import Quantity
 
 _PART = 200  # events that are measured and written as one step
@@ -39,9 +39,9 @@ def measure_film(
     as_json: bool,
 ) -> None:
     """Measure the capsules of a film, print them, and write the files of each."""
-    from capsbayes.image.files.film import Film
-    from capsbayes.image.measure_film import measure_film
-    from capsbayes.work.progress import progress_bar
+    from capsbayes.image.files import Film
+    from capsbayes.image.film import measure_film
+    from capsbayes.run import progress_bar
 
     rate = _rate(frame_rate, experiment)
     film = Film.open(path)
@@ -78,10 +78,9 @@ def measure_rtdc(
     """Measure the events of a file, count their statuses, and write the files of each."""
     import pandas as pd
 
-    from capsbayes.image.files.rtdc import RtdcFile
-    from capsbayes.image.measure_rtdc import measure_rtdc
-    from capsbayes.image.written import write_detection
-    from capsbayes.work import progress_bar, step_of
+    from capsbayes.image.measure import write_detection
+    from capsbayes.image.rtdc import RtdcFile, measure_rtdc
+    from capsbayes.run import progress_bar, step_of
 
     if by_hand is None or by_hand.pixel_size is None:
         raise InputError("measure", "--pixel-size", 'one with an error, as "0.340 +/- 0.003 um"', "nothing")
@@ -177,7 +176,7 @@ def _changes(row: pd.Series) -> list[str]:
 @together()
 def _write(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
     """Write capsules.csv and a folder for each capsule: all of it or nothing."""
-    from capsbayes.image.written import write_detection
+    from capsbayes.image.measure import write_detection
 
     table_file(table, index=False)(out / "capsules.csv")
     for number, capsule in enumerate(made.capsules, start=1):

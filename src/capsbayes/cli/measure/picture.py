@@ -13,13 +13,13 @@ from capsbayes.cli.output import print_json
 if TYPE_CHECKING:
     from capsbayes.experiment import Experiment
     from capsbayes.image import ByHand
-    from capsbayes.image.detection import Detection
-    from capsbayes.image.edges.rear import RearBand
+    from capsbayes.image.detect import Detection
+    from capsbayes.image.edges import RearBand
     from capsbayes.measurement import Measurement
     from capsbayes.quantity import Quantity
 
 DETECTED = ("overlay.png", "outline.csv", "silhouette.csv", "measurement.toml", "measurement.outline.csv")
-"""Files that `capsbayes.image.written.write_detection` writes."""
+"""Files that `capsbayes.image.measure.write_detection` writes."""
 
 _POWERS = {2: "squared", 3: "cubed"}
 
@@ -66,9 +66,8 @@ def measured_picture(
     as_json : bool
         True to print the measurement as JSON.
     """
-    from capsbayes.image.files.picture import Picture
-    from capsbayes.image.measure import detect, measurement_of, turned
-    from capsbayes.image.written import write_detection
+    from capsbayes.image.files import Picture
+    from capsbayes.image.measure import detect, measurement_of, turned, write_detection
     from capsbayes.show.tables.table import print_parts
 
     quiet |= as_json

@@ -47,9 +47,9 @@ def budget(
     from capsbayes.infer import Membrane, Prior, identify
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
+    from capsbayes.run import resumable
     from capsbayes.show import budget_figure
     from capsbayes.show.tables.plan import budget_table
-    from capsbayes.work import resumable
 
     measurement = Measurement.read(capsule)
     sheet = membrane_of(Membrane.read(capsule), membrane)

@@ -60,7 +60,7 @@ def flow(
     Exit status: 0 done, 1 no flow rate is safe or measures G_s, 2 bad input.
     """
     from capsbayes.quantity import Quantity
-    from capsbayes.work import resumable
+    from capsbayes.run import resumable
 
     modulus = Quantity.of_text(shear_modulus, "surface_shear_modulus", where="flow", key="--shear-modulus")
     size = Quantity.of_text(radius, "capsule_radius", where="flow", key="--radius")
@@ -84,9 +84,9 @@ def _print_flow(
 ) -> None:
     """Design the flow rate for a known law, print and write it."""
     from capsbayes.plan import flow_design, simulated_widths
+    from capsbayes.run import tracked
     from capsbayes.show import flow_figure
     from capsbayes.show.tables.plan import flow_table
-    from capsbayes.work import tracked
 
     design = flow_design(*expected, **asked, progress=tracked)
     tried = None

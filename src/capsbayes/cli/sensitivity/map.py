@@ -69,7 +69,7 @@ def identifiability(
 
     The map has no randomness. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.work import resumable
+    from capsbayes.run import resumable
 
     if points is not None and not all(2 <= count <= _MOST_POINTS for count in points):
         raise InputError("map", "--points", f"two numbers from 2 to {_MOST_POINTS}", " ".join(map(str, points)))
@@ -101,13 +101,13 @@ def _print_map(
 ) -> None:
     """Compute the map of a known law, print and write it."""
     from capsbayes.plan import identifiability_map
-    from capsbayes.plan.identifiability import GRID
+    from capsbayes.plan.membrane import MEMBRANE_GRID
     from capsbayes.plan.widths import NOISES
+    from capsbayes.run import tracked
     from capsbayes.show import identifiability_figure
-    from capsbayes.work import tracked
 
     count = NOISES if noises is None else noises
-    found = identifiability_map(model, known, errors, grid=points or GRID, noises=count, progress=tracked)
+    found = identifiability_map(model, known, errors, grid=points or MEMBRANE_GRID, noises=count, progress=tracked)
     short = _short(found)
     files: dict[str, Writer] = {
         "map.nc": lambda path: write_dataset(path, found),
@@ -129,13 +129,13 @@ def _print_membrane_map(
 ) -> None:
     """Compute the map with the membrane unknown, print and write it."""
     from capsbayes.plan import membrane_map
-    from capsbayes.plan.membrane_map import GRID
+    from capsbayes.plan.membrane import MEMBRANE_GRID
+    from capsbayes.run import tracked
     from capsbayes.show.figures.identifiability import membrane_map_figure
     from capsbayes.show.tables.membrane_plan import membrane_map_table
     from capsbayes.show.words.membrane_plan import expected_words
-    from capsbayes.work import tracked
 
-    found = membrane_map(known, errors, **of_membrane, grid=points or GRID, progress=tracked)
+    found = membrane_map(known, errors, **of_membrane, grid=points or MEMBRANE_GRID, progress=tracked)
     short = _short_of_membrane(found)
     files: dict[str, Writer] = {
         "map.nc": lambda path: write_dataset(path, found),

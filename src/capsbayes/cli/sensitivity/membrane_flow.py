@@ -76,9 +76,9 @@ def print_membrane_flow(
     """Design the flow rates for expected G_s, a, experiment and errors, print and write them."""
     from capsbayes.plan import membrane_flow_design
     from capsbayes.quantity import Quantity
+    from capsbayes.run import tracked
     from capsbayes.show.figures.membrane_plan import membrane_flow_figure
     from capsbayes.show.terminal.membrane import membrane_flow_parts
-    from capsbayes.work import tracked
 
     given, key = planned.given, "--mean-velocity"
     speeds = [Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s") for text in given[key] or []]

@@ -45,9 +45,9 @@ def sobol(
 
     from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
+    from capsbayes.run import resumable
     from capsbayes.show import sobol_figure
     from capsbayes.show.tables.plan import sobol_table
-    from capsbayes.work import resumable
 
     stated = _stated(ranges or [])
     measurement = Measurement.read(capsule)

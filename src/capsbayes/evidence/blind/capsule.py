@@ -8,8 +8,7 @@ import numpy as np
 
 from capsbayes.arrays import Floats
 from capsbayes.evidence.blind.lab import Noise
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-from capsbayes.measurement import Measurement
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.profile import Profile, arc_length, vertex_normals
 
 _LEAST_INDEPENDENT = 1e-9  # share of the variance that keeps a covariance definite

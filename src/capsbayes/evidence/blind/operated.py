@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans
-from capsbayes.effect import Effect, Theta
 from capsbayes.errors import InputError
 from capsbayes.evidence.blind.capsule import Capsule
 from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
-from capsbayes.model import Domain, ForwardModel
+from capsbayes.model import Domain, Effect, ForwardModel, Theta
 from capsbayes.prediction import Prediction
 from capsbayes.profile import Profile
 

@@ -15,11 +15,8 @@ import xarray as xr
 from capsbayes.database import Database, content_hash
 from capsbayes.errors import InputError
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
-from capsbayes.physics.databases.build import build_database
-from capsbayes.physics.databases.grid import Cases
-from capsbayes.physics.databases.sweep import SteadySimulator
-from capsbayes.physics.simulation import Simulator
-from capsbayes.physics.simulation.unsteady import UnsteadySimulator
+from capsbayes.physics.build import Cases, SteadySimulator, build_database
+from capsbayes.physics.simulator import Simulator, UnsteadySimulator
 
 _CAPILLARY_NUMBERS = (0.0315, 0.0365, 0.042, 0.0475, 0.0545, 0.0625, 0.0725, 0.0845, 0.0965, 0.107)
 _SIZE_RATIOS = (0.79, 0.818, 0.862, 0.89, 0.933, 0.963)

@@ -18,7 +18,7 @@ from capsbayes.evidence.blind.effects import TrueEffect
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.pools import simulator_with
 from capsbayes.experiment import capillary_number, capsule_radius, surface_shear_modulus
-from capsbayes.physics.databases.build import build_database
+from capsbayes.physics.build import build_database
 from capsbayes.profile import with_extent
 
 _TYPICAL = -4.5  # log density relative to its maximum: three standard deviations

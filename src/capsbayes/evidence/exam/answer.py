@@ -10,7 +10,7 @@ import numpy as np
 
 from capsbayes.database import Database
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Study, Verdict, diagnose
-from capsbayes.diagnosis.limits import TWO_SIGMA
+from capsbayes.diagnosis.finding import TWO_SIGMA
 from capsbayes.evidence.blind.session import BlindSession, draw_session
 from capsbayes.evidence.exam.cells import Cell
 from capsbayes.model import ForwardModel

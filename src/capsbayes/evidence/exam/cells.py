@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from capsbayes.effect import Effect
 from capsbayes.effects import catalogue
 from capsbayes.evidence.blind.effects import TRUE_EFFECTS, TrueEffect
 from capsbayes.evidence.blind.lab import Lab
 from capsbayes.evidence.blind.operated import true_effect_of
 from capsbayes.evidence.blind.pools import POOLS
 from capsbayes.evidence.exam.labs import drawn_lab
+from capsbayes.model import Effect
 
 HALVES = {"locked": 1, "development": 0}
 """Halves of the exam in the order of their page, and which of the two ranges of seeds each has."""

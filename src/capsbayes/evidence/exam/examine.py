@@ -19,8 +19,8 @@ from capsbayes.evidence.exam.frozen import code_digest
 from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
+from capsbayes.run import Records, Store, digest_of, only_run, run_tasks, steps_kept
 from capsbayes.surrogate import Surrogate
-from capsbayes.work import Records, Store, digest_of, only_run, run_tasks, steps_kept
 
 Answers = dict[str, dict[int, Answer]]
 """Answers by name of the cell and seed."""

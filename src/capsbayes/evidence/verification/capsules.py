@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from capsbayes.evidence.verification.quantities import QUANTITIES, SYMBOLS, numbers, on_mesh, steady
 from capsbayes.evidence.verification.references import BOUNDARY_INTEGRAL, PAPER, TUBE
 from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
-from capsbayes.physics.continuation.branches import SLACK_LIMIT
-from capsbayes.physics.simulation.simulator import Simulator
+from capsbayes.physics.continuation import SLACK_LIMIT
+from capsbayes.physics.simulator import Simulator
 
 _PAPER_CASE, _PAPER_MESHES = (0.082, 0.96), (8, 12)
 _PAPER_TARGETS = {"axial_extent": 0.005, "axial_length": 0.005, "velocity_ratio": 0.001}

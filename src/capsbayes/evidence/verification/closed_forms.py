@@ -11,12 +11,9 @@ from matplotlib.figure import Figure
 from capsbayes.evidence.verification.quantities import fitted_rate, label_refinements, on_mesh
 from capsbayes.evidence.verification.references import FRICTION, MODULI, UNDISTURBED
 from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
+from capsbayes.physics.channel import Channel, CircularChannel, RectangularChannel, RoundedSquareChannel, SquareChannel
 from capsbayes.physics.membrane import law_named
-from capsbayes.physics.stokes.channel import Channel
-from capsbayes.physics.stokes.circular import CircularChannel
-from capsbayes.physics.stokes.rectangular import RectangularChannel, SquareChannel
-from capsbayes.physics.stokes.rounded_square import RoundedSquareChannel
-from capsbayes.physics.stokes.single_layer import SingleLayer
+from capsbayes.physics.stokes import SingleLayer
 from capsbayes.physics.surface import octasphere
 from capsbayes.testing import check_law
 

@@ -22,8 +22,8 @@ from capsbayes.evidence.verification.quantities import (
     steady,
 )
 from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
-from capsbayes.physics.simulation.simulator import Simulator
-from capsbayes.physics.stokes.walls import WallDiscretisation
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.stokes import WallDiscretisation
 
 _CASE, _NEIGHBOUR = (0.05, 0.9), (0.04, 0.9)
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from capsbayes.errors import CapsbayesError
 from capsbayes.parameters import PARAMETERS
-from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.simulation.simulator import Simulator, SteadyState
+from capsbayes.physics.simulator import Simulator, SteadyState
+from capsbayes.physics.steady import Iterate, Problem
 from capsbayes.status import Status
 
 QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")

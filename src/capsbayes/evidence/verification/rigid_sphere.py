@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.references import RIGID_SPHERE
 from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
-from capsbayes.physics.capsule.problem import Problem
+from capsbayes.physics.channel import cross_section_named
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.cross_sections import cross_section_named
-from capsbayes.physics.stokes.single_layer import SingleLayer
-from capsbayes.physics.stokes.walls import wall_operator
+from capsbayes.physics.steady import Problem
+from capsbayes.physics.stokes import SingleLayer, wall_operator
 
 _SIZES = (0.3, 0.5, 0.7, 0.8, 0.85, 0.9)
 _WORDS = {"velocity_ratio": "V/U", "extra_pressure_drop": "dP+ [mu U/l]"}

@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 from capsbayes.arrays import Floats
 from capsbayes.evidence.verification.references import SHEAR, SHEAR_SLOPE
 from capsbayes.evidence.verification.topic import Results, Row, Target, Topic, Values
-from capsbayes.physics.capsule.problem import Problem
-from capsbayes.physics.capsule.transient import transient
+from capsbayes.physics.channel import ShearFlow
 from capsbayes.physics.membrane import NeoHookean
-from capsbayes.physics.stokes.shear import ShearFlow
-from capsbayes.physics.surface.octasphere import OctaSphere
-from capsbayes.physics.surface.quadrature import dunavant
-from capsbayes.physics.surface.shape_functions import p2, p2_gradient
+from capsbayes.physics.steady import Problem
+from capsbayes.physics.surface import OctaSphere, dunavant, p2, p2_gradient
+from capsbayes.physics.transient import transient
 
 _SMALL, _TIME = 0.01, 8.0
 _BENDING, _CODES_DIFFER = 2e-4, 0.08
@@ -53,7 +51,7 @@ def _deformation(capillary_number: float, time: float, refinement: int) -> Value
 def taylor_deformation(mesh: OctaSphere, nodes: Floats) -> float:
     """Compute D = (L - B) / (L + B) of the ellipsoid that has the capsule's inertia, with its axes in the plane x = 0.
 
-    >>> from capsbayes.physics.surface.octasphere import octasphere
+    >>> from capsbayes.physics.surface import octasphere
     >>> sphere = octasphere(8)
     >>> round(taylor_deformation(sphere, sphere.nodes * [1.0, 0.9, 1.1]), 4)
     0.1

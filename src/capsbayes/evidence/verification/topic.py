@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.files.input_file import parsing
-from capsbayes.work import Records
+from capsbayes.run import Records
 
 Values: TypeAlias = Mapping[str, float | list[float]]
 """Result of an item: named numbers, or series of them."""

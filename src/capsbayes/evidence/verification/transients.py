@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from capsbayes.evidence.verification.quantities import QUANTITIES, SYMBOLS, numbers, steady
 from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.transient import STEADY, Scheme, transient
-from capsbayes.physics.simulation.simulator import Simulator
+from capsbayes.physics.load import profile
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.transient import STEADY, Scheme, transient
 
 _CASE, _NEIGHBOUR = (0.12, 0.9), (0.11, 0.9)
 _SETTLED = 2.4  # U t/l by which the paper finds the capsule steady

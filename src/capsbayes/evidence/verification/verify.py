@@ -14,7 +14,7 @@ from capsbayes.evidence.verification.page import write_page
 from capsbayes.evidence.verification.topic import Outcome, Results, Row, Topic, Values
 from capsbayes.files.output_file import make_folder
 from capsbayes.interruption import keeping
-from capsbayes.work import Records, only_run
+from capsbayes.run import Records, only_run
 
 
 def verify(

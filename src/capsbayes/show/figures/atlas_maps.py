@@ -14,7 +14,7 @@ from capsbayes.arrays import Floats
 from capsbayes.show.figures.atlas_plane import BRANCH_STYLES, draw_borders, heading, kinds_of_case, prepare_plane
 from capsbayes.show.figures.style import FILL, PALE, legend_below, new_figure, ratio_label
 from capsbayes.surrogate import Surrogate
-from capsbayes.surrogate.domain import Region
+from capsbayes.surrogate.plane import Region
 
 _LENGTHS = ("axial_extent", "axial_length", "parachute_depth")
 _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l

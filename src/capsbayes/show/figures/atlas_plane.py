@@ -12,7 +12,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.show.figures.style import ACCENT, INK, WALL, label_plane, new_figure
 from capsbayes.status import Status
-from capsbayes.surrogate.branches import CONVEX
+from capsbayes.surrogate.plane import CONVEX
 
 _NONE = "#555555"
 _TICKS = (0.003, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)

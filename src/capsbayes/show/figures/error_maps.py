@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from capsbayes.show.figures.style import new_figure
-from capsbayes.surrogate.validation import STRETCH_LIMIT, LeaveOneOut
+from capsbayes.surrogate.plane import STRETCH_LIMIT, LeaveOneOut
 
 SYMBOLS = ("Ca", "a/\\ell", "v_o/U")
 SMALLEST = 1e-5  # below this every error looks the same

@@ -19,7 +19,7 @@ from matplotlib.patheffects import withStroke
 from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan.membrane_map import KNOWN, MEASURED, UNKNOWN
+from capsbayes.plan.membrane import KNOWN, MEASURED, UNKNOWN
 from capsbayes.show.figures.style import ACCENT, label_plane, new_figure
 
 _LEVELS = (
@@ -57,7 +57,7 @@ def membrane_map_figure(found: xr.Dataset) -> Figure:
     Parameters
     ----------
     found : Dataset
-        Of `capsbayes.plan.membrane_map`.
+        Of `capsbayes.plan.membrane`.
     """
     kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in found]
     figure = new_figure(8.6, 1.0 + 3.0 * len(kinds))

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
-from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Marginal
+from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 

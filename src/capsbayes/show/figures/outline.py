@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Posterior
-from capsbayes.infer.outline.likelihood import aligned_with
-from capsbayes.infer.outline.misfit import band
-from capsbayes.measured_outline import MID_PLANE
+from capsbayes.infer.outline import aligned_with, band
+from capsbayes.measurement import MID_PLANE
 from capsbayes.show.figures.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure
 
 _INSIDE = "#f3f8fb"

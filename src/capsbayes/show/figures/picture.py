@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.infer import Posterior
-from capsbayes.infer.outline.misfit import band
+from capsbayes.infer.outline import band
 from capsbayes.show.figures.style import closed, new_figure
 
 if TYPE_CHECKING:
-    from capsbayes.image.detection import Detection
+    from capsbayes.image.detect import Detection
 
 _PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
 _AROUND = 1.25  # of the picture that is shown, either side of the axis, over l
@@ -33,7 +33,7 @@ def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 
     InputError
         If the file is missing or no picture.
     """
-    from capsbayes.image.files.picture import Picture
+    from capsbayes.image.files import Picture
     from capsbayes.image.measure import detect
 
     seen = Picture.read(picture)
@@ -65,7 +65,7 @@ def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
     InputError
         If the file is missing or no picture.
     """
-    from capsbayes.image.files.picture import Picture
+    from capsbayes.image.files import Picture
 
     grey = Picture.read(picture).grey
     figure = new_figure(width, width * grey.shape[0] / grey.shape[1], layout=None)

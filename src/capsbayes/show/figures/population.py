@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.show.figures.style import ACCENT, INK, PALE, framed, legend_below, new_figure
 

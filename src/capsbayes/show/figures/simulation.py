@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from capsbayes.arrays import Floats
-from capsbayes.physics.surface.facets import facets
+from capsbayes.physics.surface import facets
 from capsbayes.show.figures.style import ACCENT, FILL, INK, WALL, closed, draw_walls, new_figure
 
 if TYPE_CHECKING:
-    from capsbayes.physics.simulation import SteadyState
-    from capsbayes.physics.simulation.snapshot import Snapshot
+    from capsbayes.physics.simulator import Snapshot, SteadyState
 
 _MEMBRANE, _PLASTER, _EDGE = np.array([0.36, 0.65, 0.83]), np.array([0.91, 0.91, 0.90]), "#6e6e6e"
 _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)

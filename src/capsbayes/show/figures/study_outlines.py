@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Verification
-from capsbayes.diagnosis.regions import REGIONS, region_displacements
+from capsbayes.diagnosis.scores import REGIONS, region_displacements
 from capsbayes.profile import arc_share
 from capsbayes.show.figures.style import ACCENT, INK, WALL, closed, draw_walls, new_figure
 from capsbayes.show.words.study import deviation_words

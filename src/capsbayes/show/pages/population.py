@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
 from capsbayes.show.figures.population import (
     OTHERS,
     USABLE,

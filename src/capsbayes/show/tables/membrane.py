@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
-from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
-from capsbayes.infer.marginal import Marginal
+from capsbayes.infer.prior import Marginal
+from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Symbols, table
 from capsbayes.show.words.rounding import interval_words, per_cent, rounded, two_digits

@@ -8,8 +8,8 @@ import pandas as pd
 
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import MembraneFlowDesign, PlannedFlows
-from capsbayes.plan.expected_membrane import EACH, LOGARITHMIC
-from capsbayes.plan.membrane_map import MEASURED
+from capsbayes.plan.membrane import MEASURED
+from capsbayes.plan.widths import EACH, LOGARITHMIC
 from capsbayes.show.tables.table import Symbols, table
 
 _SPEED = PARAMETERS["mean_velocity"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from capsbayes.infer.many import Population
+from capsbayes.infer.population import Population
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Number, Symbols, flat, table
 from capsbayes.show.words.population import hierarchy_title

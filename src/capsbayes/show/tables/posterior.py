@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from capsbayes.infer import Posterior
-from capsbayes.infer.shares import REST, add_up
+from capsbayes.infer.identify import REST, add_up
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.tables.table import Code, Strong, Symbols, table
 from capsbayes.show.words.posterior import input_words, later_words

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
+from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.plan import MembraneFlowDesign
 from capsbayes.show.tables import membrane as of_membrane
 from capsbayes.show.tables import membrane_plan as of_membrane_plan

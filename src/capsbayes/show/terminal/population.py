@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from capsbayes.infer.many import Hierarchy, Population
+from capsbayes.infer.hierarchy import Hierarchy
+from capsbayes.infer.population import Population
 from capsbayes.show.tables import population as of_population
 from capsbayes.show.tables.table import Strong
 from capsbayes.show.words import population as population_words

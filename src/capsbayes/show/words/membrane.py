@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from capsbayes.infer.many.one_membrane.shared_membrane import SharedMembrane
+from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.posterior import BY_MESH
 from capsbayes.show.words.rounding import per_cent

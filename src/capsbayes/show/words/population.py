@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.infer.many import Population
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
-from capsbayes.infer.many.distribution.tails import NORMAL
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
+from capsbayes.infer.selection import NORMAL
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import decimals, per_cent, together, unit_of
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from capsbayes.infer import Posterior
-from capsbayes.infer.membrane import LAWS, UNKNOWN
-from capsbayes.infer.narrowing import FLOWS, OUTLINE_NOISE, THICKNESS_ERROR
-from capsbayes.infer.prior import THICKNESS
-from capsbayes.infer.shares import REST, add_up
+from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR, add_up
+from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
 from capsbayes.infer.verdict import LEANING_SHARE, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
@@ -99,7 +97,7 @@ def _said(name: str) -> str:
 
 
 def later_words(name: str) -> str:
-    """Return what may be measured later, as in `capsbayes.infer.narrowing`."""
+    """Return what may be measured later, as in `capsbayes.infer.identify`."""
     if name == THICKNESS:
         return f"the thickness of the membrane to {per_cent(THICKNESS_ERROR)}"
     if name == "outline":

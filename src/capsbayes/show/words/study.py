@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from capsbayes.diagnosis import LEAST_RATIO, NOTHING, UNKNOWN, Deviation, Finding, Scores, Session, Study, Verdict
-from capsbayes.diagnosis.limits import TWO_SIGMA
+from capsbayes.diagnosis.finding import TWO_SIGMA
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
 from capsbayes.show.words.rounding import unit_of

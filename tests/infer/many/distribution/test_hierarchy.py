@@ -10,11 +10,9 @@ from drawn_populations import EXPERIMENT, TRUTH, VISCOSITY, drawn_population
 from scipy import stats
 
 from capsbayes.errors import InputError
-from capsbayes.infer.many import Population, hierarchy
-from capsbayes.infer.many.distribution.importance import drawn
-from capsbayes.infer.many.distribution.log_posterior import LogPosterior, log_likelihood
-from capsbayes.infer.many.distribution.selection import Selection, kept_rows, limit_of
-from capsbayes.infer.many.distribution.tails import ScaleMixture, half_width_of
+from capsbayes.infer.hierarchy import LogPosterior, drawn, hierarchy, log_likelihood
+from capsbayes.infer.population import Population
+from capsbayes.infer.selection import ScaleMixture, Selection, half_width_of, kept_rows, limit_of
 from capsbayes.quantity import Quantity
 from capsbayes.show.words.population import caveats
 from capsbayes.surrogate import Surrogate

@@ -4,8 +4,8 @@ import xarray as xr
 from scipy.stats import norm, t
 
 from capsbayes.errors import InputError
-from capsbayes.infer.many.distribution.modulus_spread import ModulusSpread
-from capsbayes.infer.many.population import Population
+from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.population import Population
 
 
 def test_numbers_are_a_normal_distribution_without_a_band():

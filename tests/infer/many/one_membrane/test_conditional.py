@@ -7,10 +7,9 @@ import pytest
 from linear_shapes import ALONG, OF_MEMBRANE, RATIO, Linear, linear_batch
 from scipy import stats
 
-from capsbayes.infer.many.one_membrane.conditional import MODULUS, SCALE, SIZE, Capsules, Spreads, Start
-from capsbayes.infer.many.one_membrane.engine import MembraneSampling
-from capsbayes.infer.many.one_membrane.unknowns import Unknowns
+from capsbayes.infer.conditional import MODULUS, SCALE, SIZE, Capsules, Spreads, Start, Unknowns
 from capsbayes.infer.prior import Coordinate
+from capsbayes.infer.shared_membrane import MembraneSampling
 from capsbayes.quantity import Quantity
 
 

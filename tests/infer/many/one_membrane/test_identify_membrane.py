@@ -10,7 +10,7 @@ import xarray as xr
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane, Prior
-from capsbayes.infer.many.one_membrane.identify_membrane import identify_membrane
+from capsbayes.infer.shared_membrane import identify_membrane
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate import MembraneSurrogate

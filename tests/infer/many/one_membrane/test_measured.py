@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer.many.one_membrane.measured import batch_of
-from capsbayes.infer.outline.likelihood import OutlineLikelihood
-from capsbayes.measured_outline import MeasuredOutline, OutlineNoise
-from capsbayes.measurement import Measurement
+from capsbayes.infer.conditional import batch_of
+from capsbayes.infer.outline import OutlineLikelihood
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import MembraneSurrogate
 

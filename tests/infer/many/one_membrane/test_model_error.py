@@ -8,9 +8,9 @@ from linear_shapes import ALONG, Linear, linear_batch
 from scipy import stats
 from scipy.special import expit, softmax
 
-from capsbayes.infer.many.one_membrane.conditional import Capsules
-from capsbayes.infer.many.one_membrane.model_error import FUNCTIONS, averaged, log_density_variance
-from capsbayes.surrogate.membrane.surrogate import OF_THE_MESH
+from capsbayes.infer.conditional import Capsules
+from capsbayes.infer.shared_membrane import FUNCTIONS, averaged, log_density_variance
+from capsbayes.surrogate.membrane import OF_THE_MESH
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from capsbayes.infer.many.one_membrane.unknowns import Unknowns
+from capsbayes.infer.conditional import Unknowns
 
 
 def test_spreads_do_not_vanish():

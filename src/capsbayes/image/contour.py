@@ -1,0 +1,409 @@
+"""Contours that somebody drew: files and their measurement."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.interpolate import CubicSpline
+
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.experiment import Camera, Experiment
+from capsbayes.files.csv_file import finite_numbers, read_columns
+from capsbayes.files.input_file import parsing, read_bytes
+from capsbayes.image.by_hand import ByHand
+from capsbayes.image.edge_models import robust_spread
+from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
+from capsbayes.image.walls import WallLines
+from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.profile import Profile, arc_length, check_simple, signed_area, vertex_normals
+from capsbayes.quantity import Given, Quantity
+
+# A contour that a person or another program traced: points in a text file, a file of ImageJ or one of LabelMe
+
+UNITS = ("px", "um")
+_HEADINGS = (("px", "x_px", "y_px"), ("um", "x_um", "y_um"), (None, "x", "y"))
+_FEWEST = 16
+# of an ImageJ ROI: types of closed lines, places of its parts, flag and first version of points as floats
+_CLOSED, _OPTIONS, _POINTS, _SUB_PIXEL, _WITH_FLOATS = (0, 7, 8), 50, 64, 128, 222
+
+
+@dataclass(frozen=True, eq=False)
+class ContourFile:
+    """Points of a closed contour.
+
+    Parameters
+    ----------
+    points : (n, 2) array
+        Columns (x, y), x along the channel.
+    unit : str
+        ``"px"`` or ``"um"``.
+    source, sha256 : str
+        File and its hash.
+    along_borders : bool
+        True if whole numbers are known to be borders between pixels, not centres of pixels.
+    """
+
+    points: Floats
+    unit: str
+    source: str
+    sha256: str
+    along_borders: bool = False
+
+    @classmethod
+    def read(cls, path: str | Path, unit: str | None = None) -> ContourFile:
+        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe.
+
+        Parameters
+        ----------
+        path : path
+            File with the columns ``x_px`` and ``y_px``, or ``x_um`` and ``y_um``, among others; or with ``X`` and
+            ``Y`` or two columns without a heading, which need `unit`. Or an ImageJ file ``.roi`` of a polygon or a
+            freehand or traced line; or a LabelMe file ``.json`` with one polygon; both are in pixels.
+        unit : str, optional
+            ``"px"`` or ``"um"``.
+
+        Raises
+        ------
+        InputError
+            Naming file, column, what was expected and what was found.
+        """
+        where, raw = str(path), read_bytes(path, "file of points")
+        sha256, suffix = hashlib.sha256(raw).hexdigest(), Path(path).suffix.lower()
+        if suffix in _DRAWN:
+            if unit not in (None, "px"):
+                raise InputError(where, "unit", f"px, in which a {suffix} file is", repr(unit))
+            expected, read = _DRAWN[suffix]
+            with parsing(where, expected):
+                points = read(raw, where)
+            return cls(_checked(points, where), "px", where, sha256, along_borders=True)
+        table = read_columns(path, "file of points", unnamed=("x", "y"))
+        names = {str(name).lower(): str(name) for name in table}
+        stated, columns = next(((of, pair) for of, *pair in _HEADINGS if names.keys() >= set(pair)), (None, []))
+        if not columns:
+            raise InputError(where, "columns", "x_px, y_px or x_um, y_um", ", ".join(names.values()))
+        if stated and unit not in (None, stated):
+            raise InputError(where, "unit", f"{stated}, which its columns state", repr(unit))
+        unit = stated or unit
+        if unit not in UNITS:
+            expected = "columns x_px, y_px or x_um, y_um, or the unit px or um"
+            raise InputError(where, "unit", expected, "none of them" if unit is None else repr(unit))
+        points = finite_numbers(table, [names[column] for column in columns], where)
+        return cls(_checked(points, where), unit, where, sha256)
+
+
+def _checked(points: Floats, where: str) -> Floats:
+    if len(points):  # a point clicked twice, or the first one again
+        points = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
+    for row in np.flatnonzero(~np.isfinite(points).all(axis=1))[:1]:
+        raise InputError(where, f"point {row + 1}", "finite coordinates", ", ".join(map(str, points[row])))
+    if len(points) < _FEWEST:
+        raise InputError(where, "points", f"at least {_FEWEST} points", str(len(points)))
+    check_simple(points, where)
+    return points
+
+
+def _of_imagej(raw: bytes, where: str) -> Floats:
+    """Return the points of a polygon, freehand or traced ROI.
+
+    References
+    ----------
+    `ij.io.RoiDecoder` of ImageJ: big-endian; version at 4, type at 6, top and left at 8 and 10, number of points at 16,
+    options at 50; from 64 on the columns and rows less left and top in two bytes each, then, if the options say so,
+    both as floats.
+    """
+    magic, version, kind, top, left, count = struct.unpack_from(">4shBx2h4xH", raw)
+    (options,) = struct.unpack_from(">h", raw, _OPTIONS)
+    if magic != b"Iout" or kind not in _CLOSED:
+        got = "another file" if magic != b"Iout" else f"a ROI of type {kind}"
+        raise InputError(where, "", "an ImageJ polygon, freehand or traced ROI", got)
+    if options & _SUB_PIXEL and version >= _WITH_FLOATS:
+        pairs = np.frombuffer(raw, ">f4", 2 * count, _POINTS + 4 * count).reshape(2, count)
+        return pairs.T.astype(np.float64)
+    pairs = np.frombuffer(raw, ">i2", 2 * count, _POINTS).reshape(2, count)
+    return pairs.T.astype(np.float64) + np.array([left, top])
+
+
+def _of_labelme(raw: bytes, where: str) -> Floats:
+    """Return the points of the one polygon of a LabelMe file."""
+    content: Any = json.loads(raw)
+    polygons = [shape for shape in content["shapes"] if shape.get("shape_type", "polygon") == "polygon"]
+    if len(polygons) != 1:
+        labels = ", ".join(str(shape.get("label"))[:40] for shape in polygons[:8]) or "none"
+        raise InputError(where, "shapes", "one polygon, the contour", labels, "remove the others")
+    return np.array([[float(x), float(y)] for x, y in polygons[0]["points"]]).reshape(-1, 2)
+
+
+_DRAWN = {".roi": ("an ImageJ ROI", _of_imagej), ".json": ("a LabelMe file with a polygon", _of_labelme)}
+
+
+# From a contour that a person or another program traced to a measurement with its silhouette
+
+POINTS = ("centres", "borders")
+EDGE_ERROR = 1.0
+"""Standard error of either end of a contour [px], unless another one is stated: the edge in a picture is blurred over
+some pixels, a line is drawn anywhere in it, and the line itself does not show where."""
+
+_HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
+# of the depth's standard error, and of l: a rear that is hollow by more is taken to have been traced; a silhouette is
+# hollow by less, and 12 of 60 drawn with an error of a pixel were hollow by more than three errors of the edge
+_CONCAVE = 4.0, 0.1
+_COMMON = 0.5  # of the variance of the edge's error: alike all around, as of a line drawn too far out everywhere
+_DRIFT = 0.5  # l: length along the edge over which the rest of it is alike, as a hand drifts
+_MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
+_SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
+_ROWS = 1_000_000  # of the picture of a contour, whose size is not known: at most
+_LONG = 3.0  # times the median side: one that points may be missing on
+_MOST_MISSING = 0.05  # of the radius, or a pixel: what may lie beyond such a side
+_LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres.
+
+    `unit` is the length of that unit, `points` are columns (z, y), `error` is the standard error of either end, and
+    `scatter` that of a point against its neighbours.
+    """
+
+    unit: Quantity
+    points: Floats
+    error: float
+    scatter: float
+
+
+def measure_contour(
+    contour: ContourFile,
+    experiment: Experiment,
+    *,
+    capsule_velocity: Given | None,
+    flow: str,
+    flow_rate: Given | None = None,
+    edge_error: Given | None = None,
+    pixel_size: Given | None = None,
+    points: str | None = None,
+    walls: Any = None,
+    wall_error: Any = None,
+) -> Measurement:
+    """Measure a capsule from its contour.
+
+    Parameters
+    ----------
+    contour : ContourFile
+    experiment : Experiment
+    capsule_velocity : Quantity [m/s]
+        v_o with its standard error. This and the other quantities in any form that `Quantity.of` reads.
+    flow : str
+        ``"right"`` or ``"left"``.
+    flow_rate : Quantity, optional [m^3/s]
+        Flow rate in the channel with its standard error, next to the velocity or in its place.
+    edge_error : Quantity, optional [m]
+        Standard error of either end of the contour, which it does not show itself; the value is used, not its error. By
+        default it is that of `EDGE_ERROR` pixels.
+    pixel_size : Quantity, optional [m]
+        Of a contour in pixels, with its standard error.
+    points : str, optional
+        Of a contour in whole pixels: ``"centres"`` if it runs through the centres of pixels, half a pixel inside the
+        edge; ``"borders"`` if it runs along their borders.
+    walls, wall_error : text or float, optional [px]
+        Of a contour in pixels, in place of the size of a pixel: rows of the two walls of a channel along the rows, and
+        the standard error of either, as `capsbayes.image.ByHand` reads them.
+
+    Returns
+    -------
+    Measurement
+        Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
+        their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
+        What may lie beyond a side that is much longer than the others is added to the errors of the lengths.
+        L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
+        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper
+        bound.
+
+    Raises
+    ------
+    InputError
+        If an option is missing that the file does not tell.
+    """
+    direction = FLOWS[flow] if check_flow(flow) else 1
+    capsule_velocity, rate, edge_error, pixel_size = (
+        None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
+        for given, name, key, unit in (
+            (capsule_velocity, "capsule_velocity", None, "m/s"),
+            (flow_rate, "flow_rate", None, "m^3/s"),
+            (edge_error, "", "edge_error", "m"),
+            (pixel_size, "", "pixel_size", "m"),
+        )
+    )
+    between = None if walls is None else _between(contour, ByHand(walls=walls, wall_error=wall_error))
+    if between is not None:
+        size = experiment.half_width.mean / between.half_width
+        pixel_size = Quantity(size, size * between.half_width_error / between.half_width, "m")
+    edge = _edge(contour, direction, edge_error, pixel_size, points)
+    aspect = _aspect(experiment)
+    edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
+    half_width = experiment.half_width.mean / edge.unit.value
+    of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
+    relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
+    profile = Profile.from_outline(_smooth(edge.points))
+    own = _missing(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
+    depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
+    covariance = np.zeros((4, 4))
+    # both lengths end at the nose; what is alike all around moves either end outwards
+    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
+    covariance[3, 3] = (relative * half_width) ** 2
+    lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
+    covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
+    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * edge.unit.value
+    measured = measurement_of_lengths(
+        lengths,
+        covariance,
+        capsule_velocity,
+        replace(experiment, camera=None),
+        walls=between.stated if between is not None else f"the half width over a {named} of {size_um:.4g} um",
+        source=contour.source,
+        sha256=contour.sha256,
+    )
+    seen = _silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth)))
+    if seen is not None and aspect.sd > 0.0:
+        seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
+    return replace(measured, outline=seen).flowing(rate)
+
+
+def _between(contour: ContourFile, stated: ByHand) -> WallLines:
+    """Return the walls that are stated around a contour in pixels."""
+    upper, lower = sorted(stated.walls[::2])
+    if stated.walls[0] != stated.walls[1] or stated.walls[2] != stated.walls[3]:
+        expected = "two rows: a contour does not tell the borders of its picture, at which tilted walls are stated"
+        raise InputError("walls", "", expected, "four")
+    if contour.unit != "px":
+        raise InputError("walls", "", "a contour in pixels, as the walls are", f"{contour.source} in {contour.unit}")
+    rows = contour.points[:, 1]
+    if not upper < rows.min() < rows.max() < lower:
+        expected = f"one wall on either side of the contour, whose rows are {rows.min():.4g} to {rows.max():.4g} px"
+        raise InputError("walls", "", expected, f"{upper:g}, {lower:g}")
+    found = stated.lines((_ROWS, _ROWS), None)
+    assert found is not None, "walls are stated"
+    return found
+
+
+def _aspect(experiment: Experiment) -> Quantity:
+    """Return the height of a pixel over its width; refuse what needs the place of the contour in its picture."""
+    camera = experiment.camera or Camera()
+    if others := [name for name in camera.stated if name != "pixel_aspect"]:
+        expected = "pixel_aspect alone for a contour, which does not tell where the middle of its picture is"
+        raise InputError(experiment.source or "experiment", "camera", expected, ", ".join(others))
+    return camera.pixel_aspect
+
+
+def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool) -> MeasuredOutline | None:
+    """Return the silhouette over l, without the points of a rear that is seen through its rim."""
+    group = -(-len(edge.points) // _MOST_POINTS)
+    whole = len(edge.points) // group * group
+    points = edge.points[:whole].reshape(-1, group, 2).mean(axis=1)
+    if hollow:
+        hull = shapely.convex_hull(shapely.multipoints(points)).exterior
+        points = points[shapely.distance(shapely.points(points), hull) < edge.error]
+    if len(points) < FEWEST_POINTS:
+        return None
+    scatter = max(edge.scatter / half_width, _LEAST_NOISE)
+    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
+    over_l = points / half_width
+    radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
+    noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
+    return MeasuredOutline(over_l, noise, Pose(offset=float(np.hypot(common, radius * relative))), SILHOUETTE)
+
+
+def _edge(
+    contour: ContourFile, direction: int, edge_error: Quantity | None, pixel_size: Quantity | None, points: str | None
+) -> _Edge:
+    """Return the edge of a contour, on its axis."""
+    outline = contour.points if signed_area(contour.points) > 0.0 else contour.points[::-1]
+    if contour.unit == "um":
+        unit = Quantity(1e-6, 0.0, "m")
+        if edge_error is None:
+            expected = 'that of a contour in um, as "0.10 um"'
+            raise InputError(contour.source, "edge error", expected, "nothing", "or give the contour in px")
+    else:
+        if pixel_size is None or pixel_size.error == 0.0:
+            raise InputError(contour.source, "pixel size", "one with an error for points in pixels", "nothing")
+        unit = pixel_size
+        if np.array_equal(outline, np.rint(outline)) and not contour.along_borders and points not in POINTS:
+            expected = "whether these whole pixels are centres of pixels or borders between them"
+            raise InputError(contour.source, "points", expected, repr(points), "say centres or borders")
+        if points == "centres":
+            outline = outline + _HALF_PIXEL * vertex_normals(outline)
+    z, y = direction * outline[:, 0], outline[:, 1]
+    centred = np.stack([z, y - 0.5 * (y.max() + y.min())], axis=1)
+    error = EDGE_ERROR if edge_error is None else edge_error.value / unit.value
+    return _Edge(unit, centred, error, _scatter(outline))
+
+
+def _missing(contour: ContourFile) -> float:
+    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there.
+
+    An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
+    chord with the stretches before and after it, a share of its length each, larger by that share.
+
+    Raises
+    ------
+    InputError
+        If that is too far for points to be missing there.
+    """
+    points = contour.points[:, 0] + 1j * contour.points[:, 1]
+    arc = arc_length(contour.points)
+    sides, closed, furthest = np.diff(arc), np.append(points, points[0]), 0.0
+    usual = np.median(sides)
+    allowed = max(_MOST_MISSING * np.sqrt(abs(signed_area(contour.points)) / np.pi), float(contour.unit == "px"))
+    for k in np.flatnonzero(sides > _LONG * usual).tolist():
+        share = min(0.5, _LONG * usual / sides[k])
+        around = np.array([arc[k] - share * sides[k], arc[k], arc[k + 1], arc[k + 1] + share * sides[k]])
+        steps = np.diff(np.interp(around % arc[-1], arc, closed))
+        height = float(sides[k] * np.abs(np.angle(steps[1:] / steps[:-1])).sum() / (8.0 * (1.0 + share)))
+        if height > allowed:
+            got = " and ".join(f"({end.real:.4g}, {end.imag:.4g})" for end in closed[k : k + 2])
+            expected = "points all around the capsule, once"
+            raise InputError(contour.source, "points", expected, f"none between {got} {contour.unit}")
+        furthest = max(furthest, height)
+    return furthest
+
+
+def _scatter(outline: Floats) -> float:
+    """Return the standard deviation of the points along the normal, against cubics through two neighbours either side.
+
+    The cubics are those of the arc length, so that points at unequal distances do not scatter; corners are few.
+    """
+    steps = np.array([np.roll(outline, -k, axis=0) - outline for k in (-2, -1, 1, 2)])
+    one = np.hypot(*np.moveaxis(steps, -1, 0))
+    before, after = np.roll(one[2], 1), np.roll(one[2], -1)
+    places = np.array([-one[1] - np.roll(before, 1), -one[1], one[2], one[2] + after])
+    others = [[places[j] for j in range(4) if j != k] for k in range(4)]
+    weights = np.array(
+        [np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)]
+    )  # of Lagrange, at the point itself
+    off = -np.einsum("kn,knd->nd", weights, steps)
+    normal = vertex_normals(outline)
+    return robust_spread(np.sum(off * normal, axis=1) / np.sqrt(1.0 + np.sum(weights**2, axis=0)))
+
+
+def _smooth(outline: Floats) -> Floats:
+    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight.
+
+    A cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle.
+    """
+    if len(outline) >= _SPARSE:
+        return outline
+    place, closed = arc_length(outline), np.concatenate([outline, outline[:1]])
+    parts = np.diff(place) / np.median(np.diff(place))
+    parts = np.where(parts > _LONG, np.ceil(parts), 1.0)
+    at = np.interp(np.arange(parts.sum() + 1.0), np.append(0.0, np.cumsum(parts)), place)
+    closed, place = np.stack([np.interp(at, place, closed[:, axis]) for axis in (0, 1)], axis=1), at
+    spline = CubicSpline(place, closed, bc_type="periodic")
+    return np.asarray(spline(np.linspace(0.0, place[-1], 2 * _SPARSE, endpoint=False)))

@@ -1,0 +1,313 @@
+"""The capsule in a picture: which blob it is, and its outline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from capsbayes.arrays import Floats
+from capsbayes.image.background import Blob
+from capsbayes.image.edge_models import median, quantile, rounded
+from capsbayes.image.edges import (
+    EdgeOutline,
+    FurthestPoint,
+    RearBand,
+    SilhouetteIntegrals,
+    centroid,
+    find_rear,
+    furthest_point,
+    integrate_silhouette,
+    locate_edge,
+    shows_second_nose,
+)
+from capsbayes.image.walls import WallLines
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+_SYMMETRIC = 0.005  # of the length: a centroid nearer to the middle does not distinguish front from rear
+_LOPSIDED = 0.08  # of the breadth: real beads and cells stay below 0.04
+_ENDS = 0.17  # of the length, omitted at either end
+_FACING, _BESIDE = 0.8, 0.6  # cosines of a normal's angle to the channel: least at the ends, largest at the flanks
+_FOUND = 0.5  # of an end: part along which the edge must be located
+_MAY_BE_COMBED = (Status.DONE, Status.DOUBLET, Status.TOO_CLOSE)
+_FEWEST_ROWS = 8
+_COMB = 0.2  # of the darkness of a blob: a shift by half a pixel; in pictures of one moment rows differ by up to 0.06
+_CHANCE = 10.0  # standard deviations of the noise over the root of the rows: in one of a hundred columns it makes 6
+_WIDEST = 3.3  # px: a blur of 3 px, up to which intervals were counted, leaves 2.8 to 3.2 in the upper quartile
+_SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 to 3.5, intervals are right
+_WALL_SMOOTHING = 4.0  # points of an outline: standard deviation of the Gaussian that smooths it
+_CLEAR_OF_WALL = 3.0  # of the width of a wall's line
+# 1/px: error of the located edge over its width squared; at the rear end it is larger, as a concave rear darkens what
+# lies behind it. Both were set on drawn pictures, other ones than those whose coverage is counted.
+_NOSE_MISFIT, _END_MISFIT = 0.044, 0.063
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What was detected in a picture, in pixels.
+
+    Parameters
+    ----------
+    status : Status
+        ``DONE``, or why nothing can be measured; what could not be located is then None.
+    walls : WallLines, optional
+    outline : EdgeOutline, optional
+    flow : int
+        1 to the right, -1 to the left, 0 if the shape does not tell.
+    nose, end : FurthestPoint, optional
+        Furthest points downstream and upstream, as distances along the flow from the picture's origin.
+    rear : RearBand, optional
+        The concave rear where it is seen.
+    blob : Blob, optional
+        The dark blob that was analysed.
+    shift : float [px]
+        Standard error of all edges that follows from smoothing of the picture, see `capsbayes.image.background`.
+    """
+
+    status: Status
+    walls: WallLines | None = None
+    outline: EdgeOutline | None = None
+    flow: int = 0
+    nose: FurthestPoint | None = None
+    end: FurthestPoint | None = None
+    rear: RearBand | None = None
+    blob: Blob | None = None
+    shift: float = 0.0
+
+    @property
+    def axis(self) -> Floats:
+        """Point (x, y) of the capsule's axis nearest to the picture's origin : (2,) array [px]; NaN where missing."""
+        if self.walls is None or self.outline is None:
+            return np.full(2, np.nan)
+        across = self.outline.points @ self.walls.across
+        return np.asarray(0.5 * (across.max() + across.min()) * self.walls.across)
+
+    @property
+    def lengths(self) -> Floats:
+        """L_z, L_a, L_p and l : (4,) array [px]; NaN where missing."""
+        if self.walls is None or self.nose is None or self.end is None:
+            return np.full(4, np.nan)
+        extent = self.nose.distance + self.end.distance
+        depth = np.nan if self.rear is None else self.rear.depth
+        return np.array([extent, extent - depth, depth, self.walls.half_width])
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the errors of `lengths` : (4, 4) array [px^2]."""
+        return self._covariance(systematic=False)
+
+    @property
+    def systematic_covariance(self) -> Floats:
+        """The part of `covariance` that is the same in all pictures of a capsule : (4, 4) array [px^2]."""
+        return self._covariance(systematic=True)
+
+    @property
+    def integrals(self) -> SilhouetteIntegrals | None:
+        """Area, perimeter, volume of revolution and stretch ratio of the silhouette, with errors."""
+        if self.walls is None or self.outline is None:
+            return None
+        return integrate_silhouette(self.outline, self.axis, self.walls.across, _NOSE_MISFIT, self.shift)
+
+    def rear_line(self) -> Floats | None:
+        """Return points along the concave rear, from rim to rim : (21, 2) array [px]; None where it is not seen."""
+        if self.rear is None or self.walls is None or self.end is None:
+            return None
+        downstream = (self.flow or 1) * self.walls.along
+        on_axis = self.axis + (self.rear.depth - self.end.distance) * downstream
+        y = np.linspace(-self.rear.breadth, self.rear.breadth, 21)[:, None]
+        return np.asarray(on_axis + y * self.walls.across + 0.5 * self.rear.curvature * y**2 * downstream)
+
+    @property
+    def ends(self) -> Floats:
+        """Columns of the ends of L_z and L_a : (3,) array [px]; NaN where missing."""
+        if self.walls is None or self.nose is None or self.end is None:
+            return np.full(3, np.nan)
+        distances = np.array([self.nose.distance, -self.end.distance, self.lengths[2] - self.end.distance])
+        return np.asarray(self.axis[0] + distances * (self.flow or 1) * self.walls.along[0])
+
+    def moved(self, right: int, down: int) -> Detection:
+        """Return the same in the coordinates of a picture whose first pixel lies further left and up by so much."""
+        if self.walls is None or (right, down) == (0, 0):
+            return self
+        by = np.array([right, down], dtype=float)
+        along = (self.flow or 1) * float(by @ self.walls.along)
+
+        def shifted(end: FurthestPoint | None, sense: float) -> FurthestPoint | None:
+            return None if end is None else replace(end, distance=end.distance + sense * along)
+
+        return replace(
+            self,
+            walls=self.walls.moved(*by),
+            outline=self.outline and replace(self.outline, points=self.outline.points + by),
+            nose=shifted(self.nose, 1.0),
+            end=shifted(self.end, -1.0),
+            blob=self.blob and replace(self.blob, polygon=self.blob.polygon + by),
+        )
+
+    def table(self) -> pd.DataFrame:
+        """Tabulate lengths and integrals in powers of a pixel and of l.
+
+        Returns
+        -------
+        DataFrame
+            Rows ``L_z``, ``L_a``, ``L_p``, ``l``, ``perimeter``, ``area``, ``volume`` and ``Lambda``; columns
+            ``power`` (of a length), ``value_px``, ``error_px``, ``value_over_l`` and ``error_over_l``. What was not
+            measured is NaN.
+        """
+        import pandas as pd
+
+        errors = np.sqrt(np.diag(self.covariance))
+        half_width, half_width_error = float(self.lengths[3]), float(errors[3])
+        rows = [(name, 1, *pair) for name, *pair in zip(("L_z", "L_a", "L_p", "l"), self.lengths, errors, strict=True)]
+        if (found := self.integrals) is not None:
+            named = (("perimeter", 1, found.perimeter), ("area", 2, found.area), ("volume", 3, found.volume))
+            rows += [(name, power, q.value, q.error) for name, power, q in (*named, ("Lambda", 0, found.stretch_ratio))]
+        table = pd.DataFrame(rows, columns=["quantity", "power", "value_px", "error_px"]).set_index("quantity")
+        table["value_over_l"] = table["value_px"] / half_width ** table["power"]
+        share = np.hypot(table["error_px"] / table["value_px"], table["power"] * half_width_error / half_width)
+        table["error_over_l"] = table["value_over_l"] * share
+        table.loc["l", "error_over_l"] = 0.0
+        return table
+
+    def _covariance(self, *, systematic: bool) -> Floats:
+        if self.walls is None or self.nose is None or self.end is None:
+            return np.full((4, 4), np.nan)
+        nose, end = (point.systematic if systematic else point.variance for point in (self.nose, self.end))
+        # the rays that find the rear start at the located end: its error does not enter that of the rear's place
+        depth = math.nan
+        if self.rear is not None:
+            depth = self.rear.systematic if systematic else self.rear.depth_error**2
+        return np.array(
+            [
+                [nose + end, nose, end, 0.0],
+                [nose, nose + depth, -depth, 0.0],
+                [end, -depth, end + depth, 0.0],
+                [0.0, 0.0, 0.0, self.walls.half_width_error**2],
+            ]
+        )
+
+
+def analyse_blob(
+    light: Floats, noise: float, walls: WallLines, blob: Blob, flow: int = 0, shift: float = 0.0
+) -> Detection:
+    """Locate the edge of a blob, its ends and its rear.
+
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
+    The flow is 1 to the right, -1 to the left, 0 if it follows from the shape; the shift is that of `Detection`.
+    """
+    if blob.status in _MAY_BE_COMBED and _combed(light, noise, blob):
+        return Detection(Status.INTERLACED, walls, blob=blob)
+    if not blob.status.ok:
+        return Detection(blob.status, walls, blob=blob)
+    outline = locate_edge(light, blob.polygon, noise, blob.erased)
+    if outline is None or not _ends_located(outline, walls):
+        return Detection(Status.NO_EDGE, walls, blob=blob)
+    outline = _smoothed_by_walls(outline, walls)
+    if smear(outline, walls) > _SMEARED:
+        return Detection(Status.SMEARED, walls, outline, blob=blob)
+    if _asymmetry(outline, walls) > _LOPSIDED:
+        return Detection(Status.LOPSIDED, walls, outline, blob=blob)
+    of_shape = _flow_of_shape(outline, walls)
+    if flow and of_shape == -flow:
+        return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
+    found = Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob, shift=shift)
+    return _with_ends(light, noise, walls, outline, found)
+
+
+def _combed(light: Floats, noise: float, blob: Blob) -> bool:
+    """Return whether the odd rows of a blob show it elsewhere along the channel than the even ones.
+
+    In each column the light of every other row is compared with that of its neighbours, away from the flanks.
+    """
+    (left, top), (right, bottom) = blob.polygon.min(axis=0).astype(int), blob.polygon.max(axis=0).astype(int)
+    aside = (bottom - top) // 4
+    part = light[top + aside : bottom - aside + 1, left : right + 1]
+    if len(part) < _FEWEST_ROWS:
+        return False
+    second = part[1:-1] - 0.5 * (part[:-2] + part[2:])
+    apart = 0.5 * np.abs(np.mean(second[::2], axis=0) - np.mean(second[1::2], axis=0))
+    depth = 1.0 - quantile(part.ravel(), 0.05)
+    return bool(apart.max() > max(_COMB * depth, _CHANCE * noise / np.sqrt(len(second))))
+
+
+def _smoothed_by_walls(outline: EdgeOutline, walls: WallLines) -> EdgeOutline:
+    """Return the outline smoothed where it is close to a wall, and nowhere beyond one.
+
+    The wall's line and what a filter made of it disturb the edge there, point by point: the curve would have loops.
+    """
+    clearance = walls.clearance(outline.points)
+    if walls.is_clear(clearance).all():
+        return outline
+    smooth = np.where(walls.is_clear(clearance)[:, None], outline.points, rounded(outline.points, _WALL_SMOOTHING))
+    beyond = np.minimum(walls.clearance(smooth), 0.0)
+    upwards = np.sign((smooth - walls.middle) @ walls.across)
+    return replace(outline, points=smooth + (beyond * upwards)[:, None] * walls.across)
+
+
+def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:
+    """Return whether the edge is not blurred beyond what was tried, and was located along most of either end."""
+    facing = outline.normals @ walls.along
+    ends = [outline.located[side * facing > _FACING] for side in (1.0, -1.0)]
+    sharp = quantile(outline.edge_width, 0.75) < _WIDEST
+    return sharp and all(len(end) > 0 and np.mean(end) > _FOUND for end in ends)
+
+
+def smear(outline: EdgeOutline, walls: WallLines) -> float:
+    """Return the way of the capsule during the exposure [px], by the edges that face along it and those beside.
+
+    A motion by s adds s^2 / 12 to the square of the width of the edges at the ends, and nothing at the flanks.
+    """
+    facing = outline.normals @ walls.along
+    width = np.square(outline.edge_width)
+    clear = walls.clearance(outline.points) > _CLEAR_OF_WALL * walls.line_width
+    flank = (np.abs(facing) < _BESIDE) & clear
+    if not flank.any():
+        return 0.0
+    ends = [median(width[side * facing > _FACING]) for side in (1.0, -1.0)]
+    return float(np.sqrt(12.0 * max(float(np.mean(ends)) - median(width[flank]), 0.0)))
+
+
+def _asymmetry(outline: EdgeOutline, walls: WallLines) -> float:
+    """Return how far the middle between the two flanks wanders, over the breadth."""
+    along, across = outline.points @ walls.along, outline.points @ walls.across
+    places = along.min() + np.ptp(along) * np.linspace(_ENDS, 1.0 - _ENDS, 9)
+    below = across > 0.5 * (across.max() + across.min())
+    flanks = []
+    for side in (below, ~below):
+        order = np.argsort(along[side])
+        flanks.append(np.interp(places, along[side][order], across[side][order]))
+    return float(0.5 * np.ptp(flanks[0] + flanks[1]) / np.ptp(across))
+
+
+def _flow_of_shape(outline: EdgeOutline, walls: WallLines) -> int:
+    """Return the direction of the flow: the rear is blunt, so that the centroid lies on its side of the middle."""
+    along = outline.points @ walls.along
+    lead = (0.5 * (along.max() + along.min()) - centroid(outline.points) @ walls.along) / np.ptp(along)
+    return 0 if abs(lead) < _SYMMETRIC else int(np.sign(lead))
+
+
+def _with_ends(light: Floats, noise: float, walls: WallLines, outline: EdgeOutline, detection: Detection) -> Detection:
+    """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
+    downstream = (detection.flow or 1) * walls.along
+    nose = furthest_point(outline, downstream, _NOSE_MISFIT, detection.shift)
+    end = furthest_point(outline, -downstream, _END_MISFIT, detection.shift)
+    detection = replace(detection, nose=nose, end=end)
+    half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance
+    tips = [(downstream, nose), (-downstream, end)]
+    for outwards, tip in tips if detection.flow == 0 else tips[:1]:
+        at = detection.axis + tip.distance * outwards
+        if shows_second_nose(light, at, -outwards, length, half_height, noise):
+            return Detection(Status.OVERLAP, walls, outline, detection.flow, blob=detection.blob)
+    if detection.flow == 0:
+        return detection
+    start = detection.axis - end.distance * downstream
+    flank = np.abs(outline.normals @ walls.across) > 0.8
+    blur = median(outline.edge_width[flank] if flank.any() else outline.edge_width)
+    rear = find_rear(light, start, downstream, length, half_height, blur, noise)
+    return replace(detection, rear=rear)

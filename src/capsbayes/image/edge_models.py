@@ -1,0 +1,639 @@
+"""Models of an edge or a dark band across it, fitted robustly to profiles of grey levels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+from capsbayes.arrays import Booleans, Floats, Integers
+
+# The smooth curve through the points of an outline: its low harmonics
+
+_KEPT = 0.1  # of the number of points: harmonics up to there; noise would lengthen and bend the curve
+
+Complex = NDArray[np.complex128]
+
+
+def low_harmonics(points: Floats) -> tuple[Floats, Complex]:
+    """Return the numbers of the low harmonics of a closed outline (n, 2), and their coefficients in x + iy."""
+    order, coefficients, kept = _harmonics(points)
+    return order[kept], coefficients[kept] / len(points)
+
+
+def smooth_curve(points: Floats) -> Floats:
+    """Return the points (n, 2) of the smooth curve at the places of those of an outline."""
+    _, coefficients, kept = _harmonics(points)
+    smooth = np.fft.ifft(np.where(kept, coefficients, 0.0))
+    return np.stack([smooth.real, smooth.imag], axis=1)
+
+
+def waves(order: Floats, count: int) -> Complex:
+    """Return harmonics at so many equal steps around : (count, k) array."""
+    return np.asarray(np.exp(2j * np.pi * np.arange(count)[:, None] / count * order))
+
+
+def _harmonics(points: Floats) -> tuple[Floats, Complex, Booleans]:
+    order: Floats = np.fft.fftfreq(len(points), 1.0 / len(points)).astype(np.float64)
+    kept: Booleans = np.abs(order) <= _KEPT * len(points)
+    return order, np.fft.fft(points @ np.array([1.0, 1j])), kept
+
+
+# Equations with a positive definite matrix too small for a library's call, solved in place; compiled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def factorise(matrix):  # type: ignore[no-untyped-def]
+    """Replace a positive definite matrix (k, k) by its Cholesky factor."""
+    for a in range(len(matrix)):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= matrix[a, c] * matrix[b, c]
+            if a == b:
+                matrix[a, a] = math.sqrt(max(total, 1e-15 * matrix[a, a]))
+            else:
+                matrix[a, b] = total / matrix[b, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def substitute(factor, side):  # type: ignore[no-untyped-def]
+    """Replace a right-hand side (k,) by the solution of the equations whose matrix has this Cholesky factor."""
+    for a in range(len(side)):
+        for b in range(a):
+            side[a] -= factor[a, b] * side[b]
+        side[a] /= factor[a, a]
+    for a in range(len(side) - 1, -1, -1):
+        for b in range(a + 1, len(side)):
+            side[a] -= factor[b, a] * side[b]
+        side[a] /= factor[a, a]
+
+
+# Stretches of an outline that a person erased: which points they hold, and the smooth curve that bridges them
+
+_ERROR = 0.25, 1.0  # of a bridge: px, and of its height over the chord, as a corner may have been erased
+_BESIDE = 14  # points to either side that tell the direction of the curve at an end
+_SHORTEST, _FEWEST = 6, 42  # points of a stretch that is left, and of all together
+
+
+def within(points: Floats, boxes: Floats) -> Booleans:
+    """Return which points (n, 2) lie in one of boxes (k, 4) of left, upper, right and lower limit : (n,) array."""
+    inside = np.all((points[:, None] >= boxes[:, :2]) & (points[:, None] <= boxes[:, 2:]), axis=2)
+    return np.asarray(np.any(inside, axis=1))
+
+
+def bridged(curve: Floats, erased: Booleans) -> tuple[Floats, Booleans] | None:
+    """Return a closed curve (n, 2) with its erased stretches bridged, and which of its points are a bridge.
+
+    A bridge is a cubic with the directions of the curve at its ends, as long as an arc of a circle would be. None where
+    too little is left.
+    """
+    if not erased.any():
+        return curve, erased
+    left = [run for run in runs(erased) if not erased[run[0]] and len(run) >= _SHORTEST]
+    if sum(map(len, left)) < _FEWEST:
+        return None
+    pieces = []
+    for run, following in zip(left, [*left[1:], left[0]], strict=True):
+        bridge = _bridge(*_end(curve[run[::-1]]), *_end(curve[following]))
+        pieces += [(curve[run], False), (bridge, True)]
+    points = np.concatenate([piece for piece, _ in pieces])
+    return points, np.concatenate([np.full(len(piece), flag) for piece, flag in pieces])
+
+
+def bridge_errors(points: Floats, erased: Booleans) -> Floats:
+    """Return the standard error [px] of each point (n, 2) of a bridge by the height of its bridge; zero elsewhere."""
+    errors = np.zeros(len(points))
+    least, share = _ERROR
+    for run in runs(erased):
+        if erased[run[0]]:
+            chord, away = points[run[-1]] - points[run[0]], points[run] - points[run[0]]
+            height = np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]).max() / max(np.hypot(*chord), 1.0)
+            errors[run] = np.hypot(least, share * height)
+    return errors
+
+
+def runs(erased: Booleans) -> list[Integers]:
+    """Return the places of consecutive points of a closed curve that are alike, each of which may pass the last one."""
+    changes = np.flatnonzero(erased != np.roll(erased, 1))
+    if len(changes) == 0:
+        return [np.arange(len(erased))]
+    order = np.roll(np.arange(len(erased)), -changes[0])
+    return list(np.split(order, changes[1:] - changes[0]))
+
+
+def _end(points: Floats) -> tuple[Floats, Floats]:
+    """Return the first of points of a curve, smoothed, and the unit vector from there on along the curve."""
+    beside = points[:_BESIDE]
+    t = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(beside, axis=0).T))])
+    _, slope, place = np.polyfit(t, beside, 2)
+    return place, slope / np.hypot(*slope)
+
+
+def _bridge(start: Floats, back: Floats, stop: Floats, on: Floats) -> Floats:
+    """Return points a pixel apart from `start` to `stop`, where the curve leads back and on."""
+    chord = float(np.hypot(*(stop - start)))
+    turn = float(np.arccos(np.clip(-back @ on, -1.0, 1.0)))
+    handle = chord / (3.0 * np.cos(0.25 * turn) ** 2)  # of a cubic as near as can be to an arc of a circle
+    corners = np.array([start, start - handle * back, stop - handle * on, stop])
+    t = np.linspace(0.0, 1.0, max(3, round(1.2 * chord)))[1:-1, None]
+    shares = np.hstack([(1.0 - t) ** 3, 3.0 * t * (1.0 - t) ** 2, 3.0 * t**2 * (1.0 - t), t**3])
+    return np.asarray(shares @ corners)
+
+
+# Models of an edge, a dark line and a dark band, fitted to profiles of intensity by least squares.
+#
+# Two parameters of each model are wanted, place and width; the others enter linearly and are eliminated in each step
+# (variable projection with the Jacobian of Kaufman), which leaves a Gauss-Newton iteration in two unknowns.
+#
+# References
+# ----------
+# Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
+
+_ITERATIONS = 12
+_TOLERANCE = 2e-3  # px
+_NARROWEST, _WIDEST = 0.3, 12.0  # px
+_LONGEST = 1.0, 0.4  # steps of the place [px] and of the logarithm of the width
+_STRAIGHT = 1e-4  # 1/px: a smaller bend is none
+_RIDGE = 1e-10  # two functions may become alike as the width grows
+
+
+class Model(IntEnum):
+    """Model of a profile; t is the distance from the place, and the blur is Gaussian with the width."""
+
+    EDGE = 0
+    """A jump between two straight lines, blurred: 1, the line outside, the jump, the line inside.
+
+    The background and its halo outside, and the dark band inside, are smooth near the edge.
+    """
+    LINE = 1
+    """A Gaussian between two levels: the Gaussian, 1, the step."""
+    BAND = 2
+    """A Gaussian on a parabola: the Gaussian, 1, t, t^2."""
+
+
+_FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileFit:
+    """Model fitted to each of n profiles.
+
+    Parameters
+    ----------
+    place, width : (n,) array
+        In the unit of the samples' positions.
+    place_variance : (n,) array
+        Variance of the place where each sample has noise of variance 1.
+    coefficients : (n, k) array
+        Coefficients of the model's k functions.
+    fitted : (n, m) array
+        The model at the samples that are used, 0 at the others.
+    slope : (n, m) array
+        Its derivative with respect to the place.
+    converged : (n,) array of bool
+    """
+
+    place: Floats
+    width: Floats
+    place_variance: Floats
+    coefficients: Floats
+    fitted: Floats
+    slope: Floats
+    converged: Booleans
+
+
+def locate(
+    profiles: Floats,
+    samples: Floats,
+    model: Model,
+    place: Floats,
+    width: Floats,
+    used: Floats,
+    bend: float = 0.0,
+) -> ProfileFit:
+    """Fit a model to each profile.
+
+    Parameters
+    ----------
+    profiles : (n, m) array
+        Intensities.
+    samples : (m,) array
+        Positions of the samples.
+    model : Model
+    place, width : (n,) array
+        Initial guesses.
+    used : (n, m) array
+        1 for the samples to fit, 0 for the others.
+    bend : float
+        Of an edge: inverse of the depth at which the darkness inside falls to 1/e; 0 for a straight line, negative
+        where it falls more steeply further inside.
+    """
+    count = len(profiles)
+    fit = ProfileFit(
+        place.astype(np.float64),
+        width.astype(np.float64),
+        np.empty(count),
+        np.empty((count, _FUNCTIONS[model])),
+        np.empty(profiles.shape),
+        np.empty(profiles.shape),
+        np.empty(count, dtype=np.bool_),
+    )
+    _locate(
+        np.ascontiguousarray(profiles, dtype=np.float64),
+        np.ascontiguousarray(samples, dtype=np.float64),
+        np.ascontiguousarray(used, dtype=np.float64),
+        int(model),
+        float(bend),
+        fit.place,
+        fit.width,
+        fit.place_variance,
+        fit.coefficients,
+        fit.fitted,
+        fit.slope,
+        fit.converged,
+    )
+    return fit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(  # type: ignore[no-untyped-def]
+    profiles, samples, used, model, bend, place, width, variance, coefficients, fitted, slope, converged
+):
+    m, k = len(samples), coefficients.shape[1]
+    functions, by_place, by_width = np.empty((m, k)), np.empty((m, k)), np.empty((m, k))
+    jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))
+    for n in range(len(profiles)):
+        converged[n] = False
+        for iteration in range(_ITERATIONS + 1):
+            _evaluated(model, bend, samples, used[n], place[n], width[n], functions, by_place, by_width)
+            _projected(
+                profiles[n], used[n], functions, by_place, by_width, coefficients[n], fitted[n], slope[n], jacobian
+            )
+            _step(profiles[n], used[n], fitted[n], jacobian, normal, step)
+            if converged[n] or iteration == _ITERATIONS:  # fit, slope and normal matrix belong to the last place
+                break
+            place[n] += min(max(step[0], -_LONGEST[0]), _LONGEST[0])
+            width[n] *= math.exp(min(max(step[1], -_LONGEST[1]), _LONGEST[1]))
+            width[n] = min(max(width[n], _NARROWEST), _WIDEST)
+            converged[n] = abs(step[0]) <= _TOLERANCE
+        variance[n] = normal[1, 1] / (normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _evaluated(  # type: ignore[no-untyped-def]
+    model, bend, samples, used, place, width, functions, by_place, by_width
+):
+    """Fill in the functions (m, k) and their derivatives with respect to the place and the logarithm of the width."""
+    for i in range(len(samples)):
+        if used[i] == 0.0:
+            functions[i], by_place[i], by_width[i] = 0.0, 0.0, 0.0
+            continue
+        t = samples[i] - place
+        u = t / width
+        bell = math.exp(-0.5 * u * u)
+        f, p, w = functions[i], by_place[i], by_width[i]
+        if model == 0:
+            density, above = bell / math.sqrt(2.0 * math.pi), 0.5 * math.erfc(-u / math.sqrt(2.0))
+            ramp = width * (u * above + density)
+            f[0], f[1], f[2], f[3] = 1.0, t - ramp, above, ramp
+            p[0], p[1], p[2], p[3] = 0.0, above - 1.0, -density / width, -above
+            w[0], w[1], w[2], w[3] = 0.0, -width * density, -u * density, width * density
+            if abs(bend) > _STRAIGHT:  # (jump - blurred exponential) / bend, whose limit for no bend is the ramp
+                blurred = bend * width
+                fall = math.exp(0.5 * blurred * blurred - bend * t) * 0.5 * math.erfc((blurred - u) / math.sqrt(2.0))
+                f[3] = (above - fall) / bend
+                p[3] = -fall
+                w[3] = width * density - blurred * width * fall
+        elif model == 1:
+            density, above = bell / math.sqrt(2.0 * math.pi), 0.5 * math.erfc(-u / math.sqrt(2.0))
+            f[0], f[1], f[2] = bell, 1.0, above
+            p[0], p[1], p[2] = u * bell / width, 0.0, -density / width
+            w[0], w[1], w[2] = u * u * bell, 0.0, -u * density
+        else:
+            f[0], f[1], f[2], f[3] = bell, 1.0, t, t * t
+            p[0], p[1], p[2], p[3] = u * bell / width, 0.0, -1.0, -2.0 * t
+            w[0], w[1], w[2], w[3] = u * u * bell, 0.0, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _projected(  # type: ignore[no-untyped-def]
+    profile, used, functions, by_place, by_width, coefficients, fitted, slope, jacobian
+):
+    """Fill in the best coefficients, the fit, its slope, and the Jacobian (m, 2) with the coefficients eliminated."""
+    m, k = functions.shape
+    matrix, sides = np.zeros((k, k)), np.zeros((k, 3))  # of the profile, and of the derivatives by place and width
+    for i in range(m):
+        if used[i] != 0.0:
+            for a in range(k):
+                sides[a, 0] += functions[i, a] * profile[i]
+                for b in range(a + 1):
+                    matrix[a, b] += functions[i, a] * functions[i, b]
+    for a in range(k):
+        matrix[a, a] = matrix[a, a] * (1.0 + 1e-12) + _RIDGE
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    factorise(matrix)
+    substitute(matrix, sides[:, 0])
+    for a in range(k):  # numba takes seconds to compile an assignment of arrays
+        coefficients[a] = sides[a, 0]
+    for i in range(m):
+        total, along_place, along_width = 0.0, 0.0, 0.0
+        for a in range(k):
+            total += coefficients[a] * functions[i, a]
+            along_place += coefficients[a] * by_place[i, a]
+            along_width += coefficients[a] * by_width[i, a]
+        fitted[i], slope[i] = total, along_place
+        jacobian[i, 0], jacobian[i, 1] = along_place * used[i], along_width * used[i]
+        for a in range(k):
+            sides[a, 1] += jacobian[i, 0] * functions[i, a]
+            sides[a, 2] += jacobian[i, 1] * functions[i, a]
+    substitute(matrix, sides[:, 1])
+    substitute(matrix, sides[:, 2])
+    for i in range(m):
+        if used[i] != 0.0:
+            for a in range(k):
+                jacobian[i, 0] -= functions[i, a] * sides[a, 1]
+                jacobian[i, 1] -= functions[i, a] * sides[a, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(profile, used, fitted, jacobian, normal, step):  # type: ignore[no-untyped-def]
+    """Fill in the normal matrix (2, 2) and the Gauss-Newton step (2,)."""
+    normal[:], step[:] = 0.0, 0.0
+    for i in range(len(profile)):
+        left = used[i] * (profile[i] - fitted[i])
+        for a in range(2):
+            step[a] += jacobian[i, a] * left
+            for b in range(2):
+                normal[a, b] += jacobian[i, a] * jacobian[i, b]
+    for a in range(2):
+        normal[a, a] = normal[a, a] * (1.0 + 1e-6) + 1e-12
+    determinant = normal[0, 0] * normal[1, 1] - normal[0, 1] * normal[1, 0]
+    by_place = (normal[1, 1] * step[0] - normal[0, 1] * step[1]) / determinant
+    step[1] = (normal[0, 0] * step[1] - normal[1, 0] * step[0]) / determinant
+    step[0] = by_place
+
+
+# Profiles of intensity along the normals of a closed curve, and what their arcs have in common; compiled
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sampled(spline, points, normals, samples):  # type: ignore[no-untyped-def]
+    """Return a picture at distances inwards from points along their normals : (n, m) array.
+
+    The picture is given by the coefficients of its cubic spline (rows, columns), mirrored at its borders, beyond which
+    it stays as it is there. The points and the unit vectors outwards are (n, 2) arrays, the distances an array (m,).
+    """
+    rows, columns = spline.shape
+    values = np.empty((len(points), len(samples)))
+    by_row, by_column = np.empty(4), np.empty(4)
+    for n in range(len(points)):
+        for i in range(len(samples)):
+            row = min(max(points[n, 1] - samples[i] * normals[n, 1], 0.0), rows - 1.0)
+            column = min(max(points[n, 0] - samples[i] * normals[n, 0], 0.0), columns - 1.0)
+            upper, left = int(row), int(column)
+            _weights(row - upper, by_row)
+            _weights(column - left, by_column)
+            total = 0.0
+            for a in range(4):
+                r = _mirrored(upper + a - 1, rows)
+                for b in range(4):
+                    total += by_row[a] * by_column[b] * spline[r, _mirrored(left + b - 1, columns)]
+            values[n, i] = total
+    return values
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weights(t, weights):  # type: ignore[no-untyped-def]
+    """Fill in the weights (4,) of the coefficients around a place, a distance t in (0, 1) behind the second."""
+    weights[0] = (1.0 - t) ** 3 / 6.0
+    weights[1] = (3.0 * t - 6.0) * t * t / 6.0 + 2.0 / 3.0
+    weights[2] = ((3.0 - 3.0 * t) * t + 3.0) * t / 6.0 + 1.0 / 6.0
+    weights[3] = t**3 / 6.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mirrored(index, count):  # type: ignore[no-untyped-def]
+    return abs(index) if index < count else 2 * (count - 1) - index
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def means_of_arcs(profiles, arc, arcs):  # type: ignore[no-untyped-def]
+    """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array.
+
+    The number of the arc of each profile rises along the curve.
+    """
+    means, count = np.zeros((arcs, profiles.shape[1])), np.zeros(arcs)
+    for n in range(len(profiles)):
+        count[arc[n]] += 1.0
+        for i in range(profiles.shape[1]):
+            means[arc[n], i] += profiles[n, i]
+    for a in range(arcs):
+        for i in range(profiles.shape[1]):
+            means[a, i] /= count[a]
+    return means, count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mean_squares(profiles, means, arc, used):  # type: ignore[no-untyped-def]
+    """Return the mean square of the difference of profiles (n, m) from their arc's (arcs, m), where it is used : (n,).
+
+    The numbers `used` (arcs, m) are 1 or 0.
+    """
+    squares = np.zeros(len(profiles))
+    for n in range(len(profiles)):
+        a, count = arc[n], 0.0
+        for i in range(profiles.shape[1]):
+            squares[n] += used[a, i] * (profiles[n, i] - means[a, i]) ** 2
+            count += used[a, i]
+        squares[n] /= count
+    return squares
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def misfit_around(left, used, place_variance, fitted, neighbours):  # type: ignore[no-untyped-def]
+    """Return the error of the place of each arc that follows from what the model leaves over : (arcs,) array.
+
+    What is left (arcs, m) has few degrees of freedom, as so many parameters are fitted: those of the neighbours to
+    either side, around the closed curve, are added to them.
+    """
+    arcs = len(left)
+    squares, free = np.zeros(arcs), np.zeros(arcs)
+    for a in range(arcs):
+        for i in range(left.shape[1]):
+            squares[a] += used[a, i] * left[a, i] ** 2
+            free[a] += used[a, i]
+        free[a] = max(free[a] - fitted, 0.0)
+    misfit = np.empty(arcs)
+    for a in range(arcs):
+        total, degrees = 0.0, 0.0
+        for b in range(a - neighbours, a + neighbours + 1):
+            total += squares[b % arcs]
+            degrees += free[b % arcs]
+        misfit[a] = np.sqrt(total / max(degrees, 1.0) * place_variance[a])
+    return misfit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tangents(base):  # type: ignore[no-untyped-def]
+    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) arrays."""
+    count = len(base)
+    made = np.empty((count, 2))
+    for n in range(count):
+        before, after = base[n - 1], base[(n + 1) % count]
+        x, y = after[0] - before[0], after[1] - before[1]
+        length = np.hypot(x, y)
+        made[n, 0], made[n, 1] = x / length, y / length
+    return made
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def curvatures(curve):  # type: ignore[no-untyped-def]
+    """Return the curvature at each of the points (n, 2) at equal distances on a closed curve, clockwise in a picture.
+
+    It is positive where the curve is convex.
+    """
+    count = len(curve)
+    made = np.empty(count)
+    for n in range(count):
+        before, here, after = curve[n - 1], curve[n], curve[(n + 1) % count]
+        x, y = 0.5 * (after[0] - before[0]), 0.5 * (after[1] - before[1])
+        bent_x, bent_y = after[0] - 2.0 * here[0] + before[0], after[1] - 2.0 * here[1] + before[1]
+        made[n] = (x * bent_y - y * bent_x) / np.hypot(x, y) ** 3
+    return made
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rounded(curve, deviation):  # type: ignore[no-untyped-def]
+    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points, cut off at four of it."""
+    reach, count = int(4.0 * deviation + 0.5), len(curve)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    weights /= weights.sum()
+    smooth = np.zeros(curve.shape)
+    for n in range(count):
+        at = (n - reach) % count
+        for i in range(len(weights)):
+            for axis in range(2):
+                smooth[n, axis] += weights[i] * curve[at, axis]
+            at += 1
+            if at == count:
+                at = 0
+    return smooth
+
+
+# Straight lines and parabolas by least squares, without the points that lie off them
+
+_OUTLIER = 4.0  # robust standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """Least-squares fit to the points that were kept.
+
+    Parameters
+    ----------
+    coefficients : (k,) array
+    kept : (n,) array of bool
+    spread : float
+        Robust standard deviation of the residuals, before the last outliers were removed.
+    variance : float
+        Variance of the residuals of the points that were kept.
+    design : (n, k) array
+        Rows of the points that were kept.
+    """
+
+    coefficients: Floats
+    kept: Booleans
+    spread: float
+    variance: float
+    design: Floats
+
+    @property
+    def cofactor(self) -> Floats:
+        """Covariance of the coefficients over the variance of a point : (k, k) array."""
+        return np.asarray(np.linalg.inv(self.design.T @ self.design))
+
+
+def median(values: Floats) -> float:
+    """Return the median of an array without NaN, NaN if it is empty; np.median takes five times as long."""
+    values = values.ravel()
+    middle = len(values) // 2
+    if not len(values):
+        return np.nan
+    ordered = np.partition(values, middle)
+    upper = float(ordered[middle])
+    return upper if len(values) % 2 else 0.5 * (float(ordered[:middle].max()) + upper)
+
+
+def quantile(values: Floats, share: float) -> float:
+    """Return the value below which a share of an array (n,) lies, linear between two; np.quantile takes longer."""
+    place = share * (len(values) - 1)
+    below = int(place)
+    above = min(below + 1, len(values) - 1)
+    ordered = np.partition(values, (below, above))
+    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
+@lru_cache
+def wider_by_few(free: int) -> float:
+    """Return Student's interval of 95 % with so many degrees of freedom, one at least, over that of a known variance.
+
+    A scatter seen in few values tells their error only roughly.
+    """
+    return float(stdtrit(max(free, 1), 0.975) / ndtri(0.975))
+
+
+def robust_spread(residuals: Floats) -> float:
+    """Return the standard deviation of normal errors that have this median absolute value."""
+    return median(np.abs(residuals)) / 0.6745
+
+
+def fit_without_outliers(
+    design: Floats,
+    values: Floats,
+    kept: Booleans,
+    *,
+    rounds: int,
+    floor: float,
+    enough: Callable[[Booleans], bool],
+) -> RobustFit | None:
+    """Fit a linear model again and again, each time without the points that are off by four standard deviations.
+
+    The model is the product of design (n, k) and coefficients; `kept` (n,) marks the points to begin with, `floor` is
+    the smallest standard deviation for judging outliers. Returns None where the points left are not `enough`.
+    """
+    for _ in range(rounds):
+        if not enough(kept):
+            return None
+        coefficients = _least_squares(design, values, kept)
+        residuals = values - design @ coefficients
+        spread = max(robust_spread(residuals[kept]), floor)
+        kept = kept & (np.abs(residuals) < _OUTLIER * spread)
+    used = design[kept]
+    variance = np.sum(residuals[kept] ** 2) / max(len(used) - design.shape[1], 1)
+    return RobustFit(coefficients, kept, spread, float(variance), used)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _least_squares(design, values, kept):  # type: ignore[no-untyped-def]
+    """Return the coefficients (k,) for which the rows that are kept of the product with a design (n, k) fit best."""
+    count = design.shape[1]
+    normal, side = np.zeros((count, count)), np.zeros(count)
+    for n in range(len(design)):
+        if not kept[n]:
+            continue
+        for a in range(count):
+            side[a] += design[n, a] * values[n]
+            for b in range(count):
+                normal[a, b] += design[n, a] * design[n, b]
+    factorise(normal)
+    substitute(normal, side)
+    return side

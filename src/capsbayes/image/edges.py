@@ -1,0 +1,787 @@
+"""The edge of a capsule: its outline, ends and rear, located to a fraction of a pixel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, spline_filter
+from scipy.spatial import KDTree
+
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.image.edge_models import (
+    Model,
+    ProfileFit,
+    bridge_errors,
+    bridged,
+    curvatures,
+    factorise,
+    fit_without_outliers,
+    locate,
+    low_harmonics,
+    mean_squares,
+    means_of_arcs,
+    median,
+    misfit_around,
+    quantile,
+    robust_spread,
+    rounded,
+    sampled,
+    smooth_curve,
+    substitute,
+    tangents,
+    waves,
+    wider_by_few,
+)
+from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area
+from capsbayes.quantity import Quantity
+
+# The outline of a capsule in a picture, to a fraction of a pixel.
+#
+# A closed curve around the dark blob is moved to where the intensity along its normals jumps. The jump is located in
+# means over arcs of the curve (`edges.models`); the shift of each normal against the mean of its arc is fitted to their
+# difference
+
+_SPACING = 1.25  # px between normals
+ARC = 18.0  # px: length of the arcs that share one shape of the edge
+_REACH = 9  # px along a normal, to either side
+_SMOOTHING = 2.0  # px: of the curve on which the normals stand
+_START_WIDTH = 1.5  # px
+AVERAGED = 3  # points: the errors of their means are almost independent
+_SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
+_NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
+_AROUND = 2 * _NEIGHBOURS + 1  # arcs
+_BEFOREHAND = 0.7, 0.5, 0.5  # px, and of the light: spreads of shift, contrast and brightness about those of the arc
+_BENDS = 0.15 * np.arange(-1.0, 4.0)  # 1/px: of the darkness inside an edge
+_BENDS_SPREAD = 0.15  # 1/px, beforehand
+_LARGEST = 5.0  # of the median misfit of an arc: more does not count
+_FITTED = 6.0  # parameters of an edge
+_ALONG = 2.0  # samples along a normal over which what a model leaves over is alike
+_LEAST = 0.5  # of the scatter expected: less is chance
+_NOT_LOCATED = 0.3  # px: error of an arc whose edge is taken from its neighbours
+_FEWEST = 4  # normals that are left of an arc, of which some were erased
+_CONTRAST = 0.03  # of the light: a fainter jump is no edge
+_NOISE_PIXELS = 40_000  # from which the noise is estimated, in every so many rows
+_NOISE_ROWS = 8  # of them, at least
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOutline:
+    """Closed outline with the error of each of its points.
+
+    Parameters
+    ----------
+    points : (n, 2) array [px]
+        Columns (x, y), about a pixel apart.
+    normals : (n, 2) array
+        Unit vectors outwards.
+    point_error : (n,) array [px]
+        Standard error along the normal, independent from point to point.
+    arc_error : (n,) array [px]
+        Standard error along the normal that the points of one arc share.
+    arc : (n,) array of int
+        Number of the arc of each point.
+    edge_width : (n,) array [px]
+        Standard deviation of the blur at each point.
+    located : (n,) array of bool
+        False where the edge of an arc was not found, and is taken from its neighbours.
+    erased : (n,) array of bool
+        True where a person erased the edge: the points there are a bridge between those beside.
+    """
+
+    points: Floats = field(repr=False)
+    normals: Floats = field(repr=False)
+    point_error: Floats = field(repr=False)
+    arc_error: Floats = field(repr=False)
+    arc: NDArray[np.intp] = field(repr=False)
+    edge_width: Floats = field(repr=False)
+    located: Booleans = field(repr=False)
+    erased: Booleans = field(repr=False)
+
+
+def pixel_noise(light: Floats) -> float:
+    """Return the standard deviation of one pixel's noise, by second differences, most of which hold only noise."""
+    light = light[:: max(1, min(light.size // _NOISE_PIXELS, len(light) // _NOISE_ROWS))]
+    second = light[1:-1, 1:-1] - 0.5 * (light[1:-1, :-2] + light[1:-1, 2:])
+    return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
+
+
+def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None) -> EdgeOutline | None:
+    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none.
+
+    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it;
+    the polygon (p, 2) [px] has columns (x, y) and is clockwise as seen in the picture. No edge is looked for where its
+    points (p,) are erased.
+    """
+    erased = np.zeros(len(polygon), dtype=bool) if erased is None else erased
+    first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
+    last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
+    spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
+    moved = _moved(spline, polygon - first, erased, np.array([_START_WIDTH]), 0.0)
+    for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
+        if moved is None:
+            return None
+        bend = None if estimated else moved.bend
+        moved = _moved(spline, moved.outline.points, moved.outline.erased, moved.outline.edge_width, bend)
+    if moved is None:
+        return None
+    outline = moved.outline
+    left = scatter_left(averaged(outline.points), averaged(outline.normals), without_erased(outline))
+    seen = left / scatter_expected(outline)  # noise of a pixel that would scatter the points as they do
+    of_noise = np.square(max(noise, seen) * outline.arc_error)
+    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
+    of_bridges = bridge_errors(outline.points, outline.erased)
+    return replace(
+        outline,
+        points=outline.points + first,
+        point_error=np.hypot(max(_LEAST * noise, seen) * outline.point_error, of_bridges),
+        arc_error=np.hypot(np.where(outline.located, arc_error, _NOT_LOCATED), of_bridges),
+    )
+
+
+def averaged(values: Floats) -> Floats:
+    """Return the means of three consecutive rows each; an incomplete last group is omitted."""
+    count = len(values) // AVERAGED
+    return np.asarray(values[: count * AVERAGED].reshape(count, AVERAGED, -1).mean(axis=1))
+
+
+def thinned(points: Floats) -> Floats:
+    """Return means of three consecutive points each of an outline (n, 2), on the curve through them : (n // 3, 2).
+
+    A mean of points lies within a tight corner, by a twentieth of a pixel at a radius of 10 px. It is moved out by what
+    those of the smooth curve lie within.
+    """
+    smooth = smooth_curve(points)
+    within = smooth[AVERAGED // 2 :: AVERAGED][: len(points) // AVERAGED] - averaged(smooth)
+    return np.asarray(averaged(points) + within)
+
+
+def without_erased(outline: EdgeOutline) -> Booleans:
+    """Return which of the means of three consecutive points hold no erased one : (m,) array."""
+    return np.asarray(averaged(outline.erased.astype(float))[:, 0] == 0.0)
+
+
+def scatter_expected(outline: EdgeOutline) -> float:
+    """Return the standard deviation [px] of means of three points that follows from the errors of the points."""
+    least, more = _SCATTER
+    variance = (np.square(outline.point_error) * (least + more * np.square(outline.edge_width)))[~outline.erased]
+    return float(np.sqrt(np.mean(variance) / AVERAGED))
+
+
+def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) -> float:
+    """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, in their unit.
+
+    Only those that are kept (n,) count, by default all.
+
+    The points are so far apart that their errors are almost independent. A curve that is smooth over five of them has
+    no fourth difference; tight corners are outliers. The noise of a pixel tells less where a picture was compressed or
+    filtered: its errors are then alike over several pixels.
+    """
+    fourth = _closed(points, 2)
+    for _ in range(4):
+        fourth = np.diff(fourth, axis=0)
+    across = np.sum(fourth * normals, axis=1)[... if kept is None else kept]
+    # of the middle four fifths: the errors of a compressed picture differ from place to place
+    return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Outline of one round, its errors those for noise 1.
+
+    Parameters
+    ----------
+    outline : EdgeOutline
+    arc_misfit : (n,) array [px]
+        Error of the arc of each point that follows from what the model leaves over.
+    bend : float [1/px]
+        Bend of the darkness inside the edge.
+    """
+
+    outline: EdgeOutline
+    arc_misfit: Floats
+    bend: float
+
+
+def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None) -> _Moved | None:
+    """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal.
+
+    The windows along the normals follow the widths of the last round, given at equal distances along the curve. The
+    bend is estimated if it is None. Erased stretches of the curve are bridged first, and their normals are not used.
+    """
+    whole = bridged(curve, erased)
+    if whole is None:
+        return None
+    curve, erased = whole
+    base, tangent, curvature = _smoothed(curve, median(widths))
+    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    erased = erased[KDTree(curve).query(base)[1]] if erased.any() else np.zeros(len(base), dtype=bool)
+    kept = ~erased
+    arcs = max(8, round(_SPACING * len(base) / ARC))
+    width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
+    window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
+    reach = float(np.floor(window.max()))
+    samples = np.arange(-reach, reach + 1.0)  # positive inwards
+    used = (np.abs(samples) <= window[:, None]).astype(float)
+    profiles = sampled(spline, base, normals, samples)
+    arc = np.arange(len(base)) * arcs // len(base)
+    means, count = means_of_arcs(profiles[kept], arc[kept], arcs)
+    some = count >= _FEWEST
+    if not some.any():
+        return None
+    means[~some], count = means[some].mean(axis=0), np.maximum(count, 1.0)
+    if bend is None:
+        noise = median(mean_squares(profiles[kept], means, arc[kept], used))
+        bend = _bend_of(means, samples, width, used, some * count / noise)
+    edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
+    located = _is_located(edge, window) & some
+    if located.sum() < arcs // 2:
+        return None
+    place, blur = (_filled(values, located) for values in (edge.place, edge.width))
+    blur = blur[arc]
+    # further inside, a concave rear darkens only parts of an arc
+    outer = used * (samples <= width[:, None])
+    across, along = _blur_at(blur, normals)
+    # the samples end nearer inside than outside: a difference in width would be taken for one in place
+    wider = np.log(across)
+    wider -= (np.bincount(arc, kept * wider) / count)[arc]
+    explained = wider[:, None] * ((samples - place[:, None]) * edge.slope)[arc]
+    shift, shift_variance = _shifts(profiles - explained, arc, means, edge.slope, outer)
+    outward = 0.5 * curvature * along**2 - place[arc] - kept * shift
+    outline = EdgeOutline(
+        points=base + outward[:, None] * normals,
+        normals=normals,
+        point_error=np.sqrt(shift_variance),
+        arc_error=np.sqrt((edge.place_variance / count)[arc]),
+        arc=arc,
+        edge_width=blur,
+        located=located[arc] & kept,
+        erased=erased,
+    )
+    misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
+    return _Moved(outline, misfit[arc], bend)
+
+
+def _filled(values: Floats, located: Booleans) -> Floats:
+    """Return the values of arcs (arcs,), interpolated around the curve where an arc was not located."""
+    if located.all():
+        return values
+    found = np.flatnonzero(located)
+    return np.interp(np.arange(len(values)), found, values[found], period=len(values))
+
+
+def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
+    """Return whether the edge of each arc was located: near the curve, dark inside, and as wide as around."""
+    around = np.sort(sliding_window_view(_closed(edge.width, _NEIGHBOURS), _AROUND), axis=1)[:, _NEIGHBOURS]
+    alike = np.maximum(edge.width, around) < _ALIKE * np.minimum(edge.width, around)
+    near = np.abs(edge.place) < 0.7 * window
+    return np.asarray(edge.converged & alike & near & (edge.coefficients[:, 2] < -_CONTRAST))
+
+
+def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight: Floats) -> float:
+    """Return the bend of the darkness inside the edge, one for the whole outline, that fits the arcs best [1/px].
+
+    The weights (arcs,) are the inverse variances of a sample. Where a picture hardly tells the bend, it is near zero.
+    """
+    place = np.zeros(len(means))
+    squares = []
+    for bend in _BENDS:
+        edge = locate(means, samples, Model.EDGE, place, width, used, bend)
+        place, width = edge.place, edge.width  # near those of the next bend
+        square = weight * np.sum(used * (means - edge.fitted) ** 2, axis=1)
+        squares.append(np.minimum(square, _LARGEST * median(square)).sum() + (bend / _BENDS_SPREAD) ** 2)
+    best = int(np.clip(np.argmin(squares), 1, len(_BENDS) - 2))
+    before, least, after = squares[best - 1 : best + 2]
+    step = _BENDS[1] - _BENDS[0]
+    curved = before - 2.0 * least + after
+    vertex = 0.5 * (before - after) / curved if curved > 0.0 else np.sign(before - after)
+    return float(_BENDS[best] + step * np.clip(vertex, -1.0, 1.0))
+
+
+def _closed(values: Floats, count: int) -> Floats:
+    """Return rows around an outline with the last of them before the first, and the first after the last."""
+    return np.concatenate([values[-count:], values, values[:count]])
+
+
+def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
+    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex.
+
+    The curvature is that of the curve smoothed by the blur too, which averages it.
+    """
+    count = max(32, round(arc_length(curve)[-1] / _SPACING))
+    base = rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
+    return base, tangents(base), curvatures(rounded(base, blur / _SPACING))
+
+
+def _shifts(
+    profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
+) -> tuple[Floats, Floats]:
+    """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
+
+    Differences of brightness and contrast from the mean are fitted together with the shift. In a wide blur the three
+    are much alike: each has a normal distribution beforehand, wide where a picture tells them.
+    """
+    shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
+    held = median(mean_squares(profiles, means, arc, used)) / np.square(_BEFOREHAND)
+    _shifted(profiles, arc, means, slopes, used, held, shift, variance)
+    return np.clip(shift, -1.5, 1.5), variance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
+    """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
+    normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)
+    for n in range(len(profiles)):
+        mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
+        normal[:], sides[:] = 0.0, 0.0
+        sides[0, 1] = 1.0
+        for i in range(len(mean)):
+            row[0], row[1], row[2] = share[i] * slope[i], share[i] * mean[i], share[i]
+            for a in range(3):
+                sides[a, 0] += row[a] * (profiles[n, i] - mean[i])
+                for b in range(3):
+                    normal[a, b] += row[a] * row[b]
+        ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])
+        for a in range(3):
+            normal[a, a] += ridge + held[a]
+        factorise(normal)
+        substitute(normal, sides[:, 0])
+        substitute(normal, sides[:, 1])
+        shift[n], variance[n] = sides[0, 0], sides[0, 1]
+
+
+def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:
+    """Return the blur across and along the edge at each point : (n,) arrays [px].
+
+    The blur is Gaussian, with the standard deviations x and y along the rows and columns: those across the edge where
+    it faces that way. With X the blur along an edge of curvature c, and Y that across it, half the light is left where
+    Y + c X^2 / 2 has its median. For small c this is c / 2 times the variance of X given Y = 0, which is (x y)^2 over
+    the variance of Y. Its root is the blur along the edge.
+    """
+    streamwise = np.abs(normals[:, 0]) > 0.8
+    crosswise = np.abs(normals[:, 1]) > 0.8
+    x = median(width[streamwise]) if streamwise.any() else median(width)
+    y = median(width[crosswise]) if crosswise.any() else x
+    across = np.hypot(x * normals[:, 0], y * normals[:, 1])
+    return across, x * y / across
+
+
+# The furthest point of an outline in one direction, with its error
+
+_WINDOWS = (15, 10, 7, 5)  # points to either side, widest first
+_ORDER = 4
+_MISFIT = 1.6  # of the residual's mean square over its expectation: largest that a window may have
+EDGE_FLOOR = 0.03  # px: no edge is located better than that in a picture sampled at whole pixels
+
+
+@dataclass(frozen=True)
+class FurthestPoint:
+    """Furthest point of an outline in a direction.
+
+    Parameters
+    ----------
+    distance, variance : float [px, px^2]
+        Along the direction from the origin of the picture, and the variance of its error.
+    systematic : float [px^2]
+        The part of the variance that is the same in all pictures of a capsule.
+    """
+
+    distance: float
+    variance: float
+    systematic: float
+
+
+def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift: float = 0.0) -> FurthestPoint:
+    """Return the largest distance of an outline along a direction.
+
+    The largest of many uncertain points would lie too far out; the maximum of a quartic through its neighbours does
+    not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors. The
+    direction is a unit vector (2,), the misfit [1/px] the error of the edge's model over the square of the edge's
+    width: the first term that the model lacks is quadratic. The shift [px] is the standard error of all edges together.
+    """
+    reach = outline.points @ direction
+    trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
+    top = int(np.argmax(_moving_mean(reach)))
+    for window in _WINDOWS:
+        index = np.arange(top - window, top + window + 1) % len(reach)
+        t, design = _design(window)
+        error = trusted[index]
+        weighted = design / error[:, None]
+        inverse = np.linalg.solve(weighted.T @ weighted, weighted.T) / error
+        coefficients = inverse @ reach[index]
+        residual = (reach[index] - design @ coefficients) / error
+        if residual @ residual < _MISFIT * (len(t) - _ORDER - 1):
+            break
+    powers = np.arange(_ORDER + 1)
+    fine = np.linspace(-0.5, 0.5, 101)
+    values = (fine[:, None] ** powers) @ coefficients
+    best = int(np.argmax(values))
+    free = len(t) - _ORDER - 1
+    excess = max(1.0, wider_by_few(free) ** 2 * float(residual @ residual) / free)
+    value, slope, bend = _derivatives(fine[best], powers)
+    weights = value @ inverse
+    of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
+    variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
+    too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2 + shift**2
+    return FurthestPoint(float(values[best]) - too_far, variance + model, model)
+
+
+@lru_cache
+def _design(window: int) -> tuple[Floats, Floats]:
+    """Return the places of the points of a window, over its half, and their powers."""
+    t = np.arange(-window, window + 1) / window
+    return t, t[:, None] ** np.arange(_ORDER + 1)
+
+
+def _derivatives(t: float, powers: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+    """Return the powers of t with their first and second derivatives."""
+    once, twice = np.maximum(powers - 1, 0), np.maximum(powers - 2, 0)
+    return np.asarray(t**powers), np.asarray(powers * t**once), np.asarray(powers * once * t**twice)
+
+
+def _too_far(slope_variance: float, bend: float, variance: float) -> float:
+    """Return how much too large the maximum of a fitted curve is on average, as it lies where errors raise the curve.
+
+    An error of the slope moves the maximum of a curve whose second derivative is -bend, and raises it by half the
+    slope's square over the bend. No more than the standard error of the maximum is taken off a flat curve.
+    """
+    largest = float(np.sqrt(variance))
+    return min(0.5 * slope_variance / bend, largest) if bend > 0.0 else largest
+
+
+def _moving_mean(values: Floats) -> Floats:
+    return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")
+
+
+# The concave rear of a capsule: a second dark band inside the outline, seen through the rim that hides it.
+#
+# The middle of the band is taken for the membrane. Where no band is distinct from that of the outer edge, the rear may
+# be
+# convex, or concave and not seen, and there is no result. Of a band that is wider than those of drawn pictures, the
+# place
+# of the membrane within it is not known: its standard deviation is in the error of the depth
+
+_BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
+_DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought
+_BAND_SMOOTHING = 1.5  # px
+_STRIP = 3.0  # px: breadth of the strips in which the band is located
+_FEWEST_STRIPS = 4  # strips
+_FLOOR, _STRIP_SCATTER = 0.02, 1.0  # px: smallest and largest spread of the strips about the parabola
+_BEHIND = 10  # px behind the band within which it must brighten again
+_BAND_REACH = 1.7, 5, 14  # half width of the fit around the band: over its deviation, at least and at most in px
+_PROMINENCE = 0.02  # of the light, at least
+_SIGNIFICANCE = 6.0  # of the prominence over its noise
+_CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: off the axis the rear is less deep
+_FRONT = 0.5  # of the capsule's length: a concave rear is never as deep as that from the nose
+_RESOLVED = 60.0  # px: shortest capsule in which a second nose is sought; cells of 36 px show dark structures
+_NOSES = np.linspace(0.4, 2.0, 5)  # over the capsule's half height: curvatures of a second nose
+_CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
+_OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
+_WIDE = 3.5  # px: deviation from which on a band is wider than a line in focus; of 40 drawn ones it is 3.0 at most
+_BAND_MISFIT = 0.02  # of the width of the band: how far the model's middle may be from that of the band
+
+
+@dataclass(frozen=True, eq=False)
+class RearBand:
+    """Dark band of a concave rear, where it crosses the axis.
+
+    Parameters
+    ----------
+    depth, depth_error : float [px]
+        From the rear end of the capsule to the middle of the band on the axis, and its standard error.
+    systematic : float [px^2]
+        The part of the error's square that is the same in all pictures of a capsule.
+    width : float [px]
+        Standard deviation of the band.
+    within : float [px]
+        The part of the error that is the place of the membrane within a wide band; 0 in a narrow one.
+    curvature : float [1/px]
+        Second derivative of the depth across the axis.
+    breadth : float [px]
+        Distance from the axis up to which it was followed.
+    """
+
+    depth: float
+    depth_error: float
+    systematic: float
+    width: float
+    within: float
+    curvature: float
+    breadth: float
+
+
+def find_rear(
+    light: Floats, end: Floats, inwards: Floats, length: float, half_height: float, blur: float, noise: float
+) -> RearBand | None:
+    """Find the dark band of a concave rear.
+
+    Parameters
+    ----------
+    light : (rows, columns) array
+        Light over that of the empty channel.
+    end : (2,) array [px]
+        Rear end (x, y) of the silhouette, on the axis.
+    inwards : (2,) array
+        Unit vector from there to the nose.
+    length, half_height : float [px]
+        Of the silhouette.
+    blur : float [px]
+        Standard deviation of the blur across the axis.
+    noise : float
+        Standard deviation of one pixel of `light`.
+    """
+    rays, y = _rays(light, end, inwards, _DEPTH * length, half_height)
+    start = _coarse(rays, y, _CURVATURES / half_height, noise)
+    return None if start is None else _fine(rays, y, start, blur, noise)
+
+
+def shows_second_nose(
+    light: Floats, nose: Floats, inwards: Floats, length: float, half_height: float, noise: float
+) -> bool:
+    """Return whether a dark band as of a second nose is seen inside the front half of a capsule.
+
+    Two capsules overlap there. The arguments are those of `find_rear`, with the nose in place of the rear end. In a
+    small cell, what lies in it is not distinct from a nose, and none is sought.
+    """
+    if length < _RESOLVED:
+        return False
+    rays, y = _rays(light, nose, inwards, _FRONT * length, half_height)
+    return _coarse(rays, y, _NOSES / half_height, noise, behind_rim=True) is not None
+
+
+def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height: float) -> tuple[Floats, Floats]:
+    """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
+    breadth = _BREADTH * half_height
+    y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
+    return _along_rays(light, end, inwards, math.ceil(depth), y), y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _along_rays(light, end, inwards, count, y):  # type: ignore[no-untyped-def]
+    """Return the light, linear between pixels, at so many distances inwards, a pixel apart, for each y : (r, u)."""
+    rows, columns = light.shape
+    rays = np.empty((len(y), count))
+    for r in range(len(y)):
+        for u in range(count):
+            column = min(max(end[0] + u * inwards[0] - y[r] * inwards[1], 0.0), columns - 1.0)
+            row = min(max(end[1] + u * inwards[1] + y[r] * inwards[0], 0.0), rows - 1.0)
+            i, j = min(int(row), rows - 2), min(int(column), columns - 2)
+            down, right = row - i, column - j
+            upper = (1.0 - right) * light[i, j] + right * light[i, j + 1]
+            lower = (1.0 - right) * light[i + 1, j] + right * light[i + 1, j + 1]
+            rays[r, u] = (1.0 - down) * upper + down * lower
+    return rays
+
+
+def _coarse(
+    rays: Floats, y: Floats, curvatures: Floats, noise: float, *, behind_rim: bool = False
+) -> tuple[int, float, float] | None:
+    """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel.
+
+    Behind the rim, only a band is sought that another one, that of the outer edge, is seen in front of.
+    """
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)
+    smooth = gaussian_filter1d(_stacked(rays, bend), _BAND_SMOOTHING, axis=1, mode="nearest")
+    least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
+    row, dip, prominence = _most_prominent(smooth, least, behind_rim)
+    if row < 0:
+        return None
+    return dip, float(curvatures[row]), _deviation(smooth[row], dip, 0.5 * prominence)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stacked(rays, bend):  # type: ignore[no-untyped-def]
+    """Return the mean of the rays (r, u), each shifted by its bend, for each row of bends (c, r) : (c, u) array."""
+    last = rays.shape[1] - 1
+    stacked = np.zeros((len(bend), last + 1))
+    for c in range(len(bend)):
+        for r in range(len(rays)):
+            for u in range(last + 1):
+                stacked[c, u] += rays[r, min(max(u + bend[c, r], 0), last)]
+    return stacked / len(rays)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most_prominent(profiles, least, behind_rim):  # type: ignore[no-untyped-def]
+    """Return the row and the place of the most prominent dip in profiles (c, u), and its prominence; row -1 if none."""
+    best, row, place = least, -1, -1
+    for c in range(len(profiles)):
+        profile = profiles[c]
+        for dip in range(1, len(profile) - 1):
+            if profile[dip] >= profile[dip - 1] or profile[dip] > profile[dip + 1]:
+                continue
+            rim = np.argmin(profile[: max(dip // 2, 1)])  # the dark band of the outer edge
+            if behind_rim and (rim == 0 or profile[rim + 1] < profile[rim]):
+                continue  # the dip is that band itself
+            before, behind = profile[rim:dip].max(), profile[dip : dip + _BEHIND + 1].max()
+            prominence = min(before, behind) - profile[dip]
+            if prominence > best:
+                best, row, place = prominence, c, dip
+    return row, place, best
+
+
+def _deviation(profile: Floats, dip: int, half: float) -> float:
+    """Return the standard deviation of a band, from its width at half its prominence."""
+    bright = np.flatnonzero(profile > profile[dip] + half)
+    return float(bright[bright > dip].min() - bright[bright < dip].max() - 1) / 2.355
+
+
+def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float, noise: float) -> RearBand | None:
+    """Locate the band in strips along the axis, and fit a parabola to the places."""
+    middle, curvature, deviation = start
+    share, least, most = _BAND_REACH
+    reach = int(np.clip(round(share * deviation), least, most))
+    strips = max(5, round(len(y) / _STRIP))
+    strip = np.arange(len(y)) * strips // len(y)
+    first = np.flatnonzero(np.diff(strip, prepend=-1))
+    count = np.bincount(strip)
+    centre = middle + np.rint(0.5 * curvature * y**2).astype(int)
+    samples = np.arange(-reach, reach + 1)
+    index = centre[:, None] + samples
+    within = (index >= 2) & (index < rays.shape[1])
+    values = np.take_along_axis(rays, np.clip(index, 0, rays.shape[1] - 1), axis=1)
+    means = np.add.reduceat(values, first, axis=0) / count[:, None]
+    used = np.minimum.reduceat(within, first, axis=0).astype(float)
+    bands = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
+    across = np.add.reduceat(y, first) / count
+    fit = fit_without_outliers(
+        np.stack([np.ones(strips), across, 0.5 * across**2], axis=1),
+        np.add.reduceat(centre.astype(float), first) / count + bands.place,
+        bands.converged & (bands.coefficients[:, 0] < 0.0) & (np.abs(bands.place) < 0.5 * reach),
+        rounds=2,
+        floor=_FLOOR,
+        enough=lambda kept: kept.sum() >= _FEWEST_STRIPS,
+    )
+    if fit is None or fit.kept.sum() < _FEWEST_STRIPS or fit.spread > _STRIP_SCATTER:
+        return None
+    expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])
+    free = int(fit.kept.sum()) - fit.design.shape[1]
+    variance = fit.cofactor[0, 0] * max(expected, wider_by_few(free) ** 2 * fit.variance)
+    depth = float(fit.coefficients[0] - 0.5 * fit.coefficients[2] * blur**2)
+    if depth < _CLEAR * deviation:
+        return None
+    misfit = deviation * (_BAND_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
+    within = _place_within(deviation, blur)
+    systematic = float(misfit**2 + within**2)
+    breadth = float(np.max(np.abs(across[fit.kept])))
+    error = float(np.sqrt(variance + systematic))
+    return RearBand(depth, error, systematic, deviation, within, float(fit.coefficients[2]), breadth)
+
+
+def _place_within(deviation: float, blur: float) -> float:
+    """Return the standard error of the membrane's place within a band of this standard deviation, see `RearBand`."""
+    of_band = float(np.sqrt(max(deviation**2 - blur**2 - _BAND_SMOOTHING**2, 0.0)))
+    return of_band if of_band > _WIDE else 0.0
+
+
+# Centroid, area, perimeter and volume of revolution within an outline, with their errors.
+#
+# Each changes in proportion to the displacement of a piece of the edge along its normal. So the errors of the points
+# give
+# those of the integral: independent ones from point to point, shared ones within an arc, and the misfit of the edge's
+# model all around
+
+_DENSE = 1024
+
+
+@dataclass(frozen=True)
+class SilhouetteIntegrals:
+    """Integrals over a silhouette.
+
+    Parameters
+    ----------
+    area, perimeter : Quantity [px^2], [px]
+    volume : Quantity [px^3]
+        Mean of the bodies of revolution of the two halves; a concave rear, which the silhouette hides, is not
+        subtracted.
+    stretch_ratio : Quantity [-]
+        Perimeter over that of the sphere of this volume.
+    """
+
+    area: Quantity
+    perimeter: Quantity
+    volume: Quantity
+    stretch_ratio: Quantity
+
+
+def centroid(points: Floats) -> Floats:
+    """Return the centroid of the area within a closed outline (n, 2) : (2,) array."""
+    after = following(points)
+    cross = points[:, 0] * after[:, 1] - after[:, 0] * points[:, 1]
+    return np.asarray(cross @ (points + after) / (3.0 * np.sum(cross)))
+
+
+def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
+    """Return the variance of the centroid's place along a unit vector [px^2], of the noise alone.
+
+    The misfit of the edge's model shifts the centroid by the same amount in all pictures of a capsule.
+    """
+    lever = (outline.points - centroid(outline.points)) @ direction
+    step = _steps(outline.points)
+    return _variance(outline, lever * step / abs(signed_area(outline.points)))
+
+
+def integrate_silhouette(
+    outline: EdgeOutline, axis: Floats, across: Floats, misfit: float, shift: float = 0.0
+) -> SilhouetteIntegrals:
+    """Return area, perimeter, volume of revolution and stretch ratio of an outline.
+
+    The axis of revolution is given by a point of it (2,) [px] and the unit vector (2,) across; the misfit [1/px] is the
+    error of the edge's model over the square of the edge's width, the shift [px] the standard error of all edges
+    together.
+    """
+    y = (outline.points - axis) @ across
+    step = _steps(outline.points)
+    along = np.array([across[1], -across[0]])
+    curve, perimeter, curvature = _smooth(outline.points)
+    volume, area = _volume(curve @ along, (curve - axis) @ across), abs(signed_area(curve))
+    by_edge = np.stack([step, curvature * step, np.pi * np.abs(y) * step])
+    sphere = (0.75 * volume / np.pi) ** (1.0 / 3.0)
+    ratio = perimeter / (2.0 * np.pi * sphere)
+    by_edge = np.vstack([by_edge, ratio * (by_edge[1] / perimeter - by_edge[2] / (3.0 * volume))])
+    model = np.hypot(misfit * outline.edge_width**2, np.hypot(EDGE_FLOOR, shift))
+    errors = [np.sqrt(_variance(outline, weight, EDGE_FLOOR) + (weight @ model) ** 2) for weight in by_edge]
+    values = (area, perimeter, volume, ratio)
+    return SilhouetteIntegrals(*(Quantity(value, float(error)) for value, error in zip(values, errors, strict=True)))
+
+
+def _variance(outline: EdgeOutline, weight: Floats, floor: float = 0.0) -> float:
+    """Return the variance of the weighted sum of the points' errors.
+
+    The points of an arc shift against the mean of the arc: where the weights are alike, these shifts cancel.
+    """
+    count = np.bincount(outline.arc)
+    total = np.bincount(outline.arc, weight)
+    shared = total * np.hypot(outline.arc_error[np.flatnonzero(np.diff(outline.arc, prepend=-1))], floor)
+    alone = (weight - (total / count)[outline.arc]) * outline.point_error
+    return float(np.sum(shared**2) + np.sum(alone**2))
+
+
+def _steps(points: Floats) -> Floats:
+    """Return the length of the outline that each point represents : (n,) array."""
+    edge = edge_lengths(points)
+    return np.asarray(0.5 * (edge + np.roll(edge, 1)))
+
+
+def _volume(z: Floats, y: Floats) -> float:
+    """Return the mean volume of the bodies of revolution of the two halves of an outline about the axis y = 0."""
+    before, after = y, np.roll(y, -1)
+    mean = (before * np.abs(before) + after * np.abs(after) + (before + after) * np.abs(before + after)) / 6.0
+    return 0.5 * np.pi * abs(float(np.sum(mean * (np.roll(z, -1) - z))))
+
+
+def _smooth(points: Floats) -> tuple[Floats, float, Floats]:
+    """Return dense points (d, 2) of the smooth curve through the points, its length, and its curvature at these."""
+    order, coefficients = low_harmonics(points)
+    wave, at_points = waves(order, _DENSE), waves(order, len(points))
+    dense = wave @ coefficients
+    speed = np.abs(wave @ (1j * order * coefficients))
+    first, second = at_points @ (1j * order * coefficients), at_points @ (-(order**2) * coefficients)
+    curvature = np.imag(np.conj(first) * second) / np.abs(first) ** 3
+    return np.stack([dense.real, dense.imag], axis=1), float(2.0 * np.pi * speed.mean()), np.asarray(curvature)

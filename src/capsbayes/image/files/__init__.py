@@ -1,1 +1,0 @@
-"""Files of pictures, films, .rtdc events and contours."""

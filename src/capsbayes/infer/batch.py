@@ -1,0 +1,1070 @@
+"""Identification of the capsules of a folder or table, resumed after an interruption."""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from capsbayes import __version__
+from capsbayes.arguments import checked
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.errors import CapsbayesError, InputError, NoShapeError
+from capsbayes.experiment import Experiment
+from capsbayes.files.input_file import PICTURES, InputFile, read_bytes
+from capsbayes.files.output_file import check_replaceable, guarded, make_folder, note_input, refusing
+from capsbayes.infer import identify
+from capsbayes.infer.grid import GridPosterior
+from capsbayes.infer.identify import check_applies
+from capsbayes.infer.importance import ExactEngine, exact_engine
+from capsbayes.infer.outline import outline_misfit
+from capsbayes.infer.population import COMPONENT, STATISTICS, CapsuleRows, Population, mixture
+from capsbayes.infer.posterior import REPORTED, work_of
+from capsbayes.infer.prior import LOOSEST_VELOCITY, Inputs, Prior, check_coordinates, refuse_membrane
+from capsbayes.infer.selection import limit_of
+from capsbayes.infer.verdict import (
+    PREDICTED,
+    Misfit,
+    inertia,
+    leanings,
+    leanings_at_nodes,
+    misfits_of,
+    p_values,
+    shares_by_kind,
+    verdict,
+)
+from capsbayes.interruption import keeping, raise_interruption
+from capsbayes.measurement import MID_PLANE, SILHOUETTE, Measurement, check_view
+from capsbayes.measurement_sets import (
+    NUMBERS,
+    SHEETS,
+    MeasuredLengths,
+    is_recording,
+    is_table_of_lengths,
+    measurement_files,
+    opened,
+    read_set,
+)
+from capsbayes.measurement_sets import (
+    NUMBERS as MEASURED,
+)
+from capsbayes.model import ForwardModel
+from capsbayes.quantity import Given, Quantity
+from capsbayes.run import Store, check_parts, digest_of, only_run, progress_bar, run_tasks, steps_kept
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+# Settings that all capsules of a run share; each worker process gets them once
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Model, experiment and prior of a run.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    experiment : Experiment or None
+        None if each measurement names its own.
+    prior : Prior
+    seed : int
+    capsule_velocity, flow_rate : Quantity, optional [m/s], [m^3/s]
+        Of capsules of which there are pictures: a velocity that they share, the flow rate in their channel.
+    background : Path, optional
+        Picture of the empty channel.
+    flow : str, optional
+        ``"right"`` or ``"left"``, in pictures.
+    by_hand : ByHand, optional
+        What is stated of the pictures.
+    """
+
+    model: ForwardModel
+    experiment: Experiment | None
+    prior: Prior
+    seed: int
+    capsule_velocity: Quantity | None = None
+    flow_rate: Quantity | None = None
+    background: Path | None = None
+    flow: str | None = None
+    by_hand: Any = None
+
+    @cached_property
+    def _engines(self) -> dict[bool, ExactEngine]:
+        return {}
+
+    def engine(self, experiment: Experiment, *, outline: bool) -> ExactEngine:
+        """Return the engine for measurements with or without an outline; that of the experiment of the run is kept."""
+        if self.experiment is None:
+            return exact_engine(self.model, experiment, self.prior, outline=outline)
+        if outline not in self._engines:
+            self._engines[outline] = exact_engine(self.model, self.experiment, self.prior, outline=outline)
+        return self._engines[outline]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides the results, the capsules themselves excepted."""
+        background = None if self.background is None else read_bytes(self.background, "picture of the empty channel")
+        speeds = self.capsule_velocity, self.flow_rate
+        how = self.experiment, self.prior, speeds, self.flow, background, self.by_hand
+        return digest_of(__version__, self.model, self.seed, *how)
+
+    def experiment_of(self, measurement: Measurement) -> Experiment:
+        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule.
+
+        Raises
+        ------
+        InputError
+            If there is neither.
+        """
+        known = self.experiment
+        if known is None:
+            if measurement.experiment_file is None:
+                advice = "name it there, or give one for all"
+                raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
+            known = Experiment.read(measurement.experiment_file)
+        own: dict[str, Any] = {}
+        for name, value in measurement.conditions.items():
+            usual = getattr(known, name)
+            own[name] = Quantity(value, usual.sd * value / usual.mean)
+        return replace(known, **own) if own else known
+
+
+# Row of one capsule by the exact engine
+
+_SHARED = ("viscosity", "half_width")
+_DRAWS = 10_000  # from which the mixture and the shares next to borders are computed where nodes do not tell them
+
+
+def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
+    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason.
+
+    Parameters
+    ----------
+    rows : CapsuleRows
+        Whose arrays are filled.
+    row : int
+    measurement : Measurement
+    run : Run
+    """
+    rows.engine[row] = "grid"
+    try:
+        _fill(rows, row, measurement, run)
+    except InputError as error:
+        rows.refuse(row, Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE, str(error))
+        if isinstance(error, NoShapeError):
+            rows.distance[row] = error.distance
+    except Exception as error:  # a batch does not stop for one capsule
+        raise_interruption(error)
+        rows.refuse(row, Status.RAISED, f"{type(error).__name__}: {error}")
+
+
+def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
+    own, seen = run.experiment_of(measurement), measurement.outline
+    check_applies(run.model, measurement, own)
+    engine = run.engine(own, outline=seen is not None)
+    posterior = engine(measurement, inputs=Inputs.of(measurement, own))
+    grid = posterior if isinstance(posterior, GridPosterior) and posterior.half_width is None else None
+    if grid is None or grid.cut or seen is not None:
+        draws = posterior.drawn(np.random.default_rng([run.seed, 1]), _DRAWS)
+        leans = leanings(draws, run.model, engine.prior)
+    else:
+        draws, leans = {}, leanings_at_nodes(grid, engine.prior)
+    rows.leaning[row] = shares_by_kind(leans)
+    for number, name in enumerate(REPORTED):
+        rows.summaries[row, number] = list(vars(posterior.marginal(name)).values())
+    if grid is not None and seen is None:
+        rows.distance[row] = grid.distance
+    found = p_values(engine, measurement, posterior)
+    rows.p_values[row] = [found.get(name, np.nan) for name in PREDICTED]
+    misfits = misfits_of(found)
+    if seen is not None:
+        misfits.insert(0, Misfit(outline_misfit(seen, run.model, draws), Status.OUTLINE_MISFIT))
+    misfits.append(inertia(float(own.reynolds_number(posterior.marginal("mean_velocity").median))))
+    rows.reynolds_number[row] = misfits[-1].gate.value
+    rows.status[row] = verdict(posterior.gates, None, leans, misfits, posterior.unresolved).name
+    weights, x, y, spread = _likelihood(draws, run, posterior.density.inputs) if grid is None else grid.likelihood
+    # a capsule's own viscosity and half width, over those of all, are not among what all share
+    of_all = own if run.experiment is None else run.experiment
+    shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
+    into = np.empty(rows.components.shape[1:])
+    mixture(weights, x + shift[0], y + shift[1], into)
+    into[:, COMPONENT.index("xx")] += spread
+    rows.components[row] = into
+
+
+def _likelihood(draws: Mapping[str, Floats], run: Run, inputs: Inputs) -> tuple[Floats, Floats, Floats, float]:
+    """Return that of `GridPosterior.likelihood` at draws: the posterior without the priors of G_s and a."""
+    moduli, radii = np.log(draws["surface_shear_modulus"]), np.log(draws["capsule_radius"])
+    flat = np.exp(-_log_prior(run.prior.surface_shear_modulus, moduli) - _log_prior(run.prior.capsule_radius, radii))
+    if inputs.by_flow_rate:  # U is shared too
+        moduli -= np.log(draws["mean_velocity"] * run.model.relative_area(draws) / inputs.mean_velocity(1.0))
+    viscosity, half_width = np.log([draws[name] for name in _SHARED])
+    return flat, moduli - viscosity, radii - half_width, 0.0
+
+
+def _log_prior(prior: Quantity, logs: Floats) -> Floats:
+    """Return the log density of log x, zero where it is highest; a draw beyond a range counts as within it."""
+    density = prior.power * logs if prior.is_range else prior.log_weight(np.exp(logs))
+    return density - density.max()
+
+
+def _centre(experiment: Experiment, name: str) -> float:
+    return getattr(experiment, name).mean
+
+
+def numbers_of(measurement: Measurement) -> Floats:
+    """Return the measured numbers as a row of `capsbayes.measurement_sets.NUMBERS`, lengths in metres as they are."""
+    found = [measurement.conditions.get(name, getattr(measurement, name, None)) for name in MEASURED]
+    return np.array([np.nan if number is None else number for number in found], dtype=np.float64)
+
+
+# Independent tasks of a run, as some rows of a table or one file; the rows of each are one part of a store.
+#
+# The part is named by a hash of the run and of the content of what was measured, so that it is found again after an
+# interruption, and nothing is taken from other settings or from a file that has changed since
+
+_LONGEST_NAME = 250
+_LONGEST_UNKEPT = 5.0  # s of work
+
+
+@dataclass(frozen=True)
+class StoredTask(abc.ABC):
+    """A task whose result is a part of a store.
+
+    Parameters
+    ----------
+    store : Store
+    """
+
+    store: Store
+    kind: ClassVar[str]
+    """First word of the name of the part."""
+
+    @abc.abstractmethod
+    def _contents(self) -> Sequence[Any]:
+        """Return what the part is computed from, the settings of the store excepted."""
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> None:
+        """Compute the part and keep it."""
+
+    @cached_property
+    def name(self) -> str:
+        """Name of the part."""
+        return f"{self.kind}-{digest_of(self.store.fingerprint, *self._contents())[:24]}"
+
+    @property
+    def file(self) -> Path:
+        """File of the part."""
+        return self.store.path(self.name)
+
+    @property
+    def done(self) -> bool:
+        """True if the part is there and whole."""
+        return self.store.holds(self.name)
+
+
+class RowsTask(StoredTask):
+    """A task that computes rows; what it has is kept every few seconds, so that a long one is not lost as a whole."""
+
+    @property
+    @abc.abstractmethod
+    def number(self) -> int:
+        """Number of rows."""
+
+    @abc.abstractmethod
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Compute what takes little time; return the rows, and the numbers of those that remain to be filled."""
+
+    @abc.abstractmethod
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute one of the rows that remain."""
+
+    def compute(self, run: Run) -> CapsuleRows:
+        """Compute the rows, from where an interrupted attempt left off."""
+        begun = f"{self.name}-begun"
+        kept = self.store.load(begun)
+        rows, left = self.begin(run) if kept is None else (CapsuleRows.of_arrays(kept), kept["left"].tolist())
+        saved = time.monotonic()
+        with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
+            while left:
+                self.fill(rows, left.pop(0), run)
+                if left and time.monotonic() - saved > _LONGEST_UNKEPT:
+                    self.store.save(begun, rows.arrays | {"left": np.array(left)})
+                    saved = time.monotonic()
+        return rows
+
+    @property
+    def rows(self) -> CapsuleRows | None:
+        """The rows, None if they are missing or damaged."""
+        arrays = self.store.load(self.name)
+        return None if arrays is None else CapsuleRows.of_arrays(arrays)
+
+    def __call__(self, run: Run) -> None:
+        """Compute the rows and keep them."""
+        self.store.save(self.name, self.compute(run).arrays)
+        self.store.remove(f"{self.name}-begun")
+
+
+@dataclass(frozen=True)
+class TableTask(RowsTask):
+    """Some rows of a table of lengths.
+
+    Parameters
+    ----------
+    store : Store
+    measured : MeasuredLengths
+    """
+
+    measured: MeasuredLengths = field(repr=False)
+    kind: ClassVar[str] = "rows"
+
+    @property
+    def number(self) -> int:
+        """Number of rows."""
+        return len(self.measured)
+
+    def _contents(self) -> Sequence[Any]:
+        measured = self.measured
+        return [measured.numbers[name] for name in NUMBERS], measured.names, measured.refusals, measured.priors
+
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Return rows with what was measured, and with status and reason of those that cannot be used."""
+        del run
+        measured, blank = self.measured, np.full(self.number, "", dtype=object)
+        numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
+        rows = CapsuleRows.empty(measured.names.astype(object), blank, blank.copy(), numbers)
+        for row in np.flatnonzero(measured.refusals != "").tolist():
+            why = str(measured.refusals[row])
+            status = why.removeprefix("status: ")  # that of the measurement, which a row may bring
+            known = status in Status.__members__ and status != why
+            rows.status[row], rows.reason[row] = (status, "") if known else (Status.UNUSABLE.name, why)
+        return rows, np.flatnonzero(measured.refusals == "").tolist()
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute a row, with the prior that it states."""
+        texts, where = self.measured.prior_texts(row), f"{self.measured.source}: capsule {self.measured.names[row]}"
+        try:
+            own = replace(run, prior=run.prior.with_texts(texts, where=where)) if texts else run
+            measurement = self.measured.measurement(row)
+        except InputError as error:
+            rows.refuse(row, Status.UNUSABLE, str(error))
+            return
+        fill_exactly(rows, row, measurement, own)
+
+    @property
+    def rows(self) -> CapsuleRows | None:
+        """The rows, with the fingerprint of the whole table as it is now, other rows of which may have changed."""
+        rows = super().rows
+        if rows is not None:
+            rows.source[:], rows.sha256[:] = self.measured.source, self.measured.sha256
+        return rows
+
+
+@dataclass(frozen=True)
+class FileTask(RowsTask):
+    """One file of a measurement, or one picture.
+
+    Parameters
+    ----------
+    store : Store
+    measured : Path
+    capsule : str
+        Its name in tables.
+    """
+
+    measured: Path
+    capsule: str
+    kind: ClassVar[str] = "file"
+    number: ClassVar[int] = 1
+
+    def _contents(self) -> Sequence[Any]:
+        """Return the name of the capsule, and the content of the file and of those that it names."""
+        return [self.capsule, *((str(file), _content(file)) for file in (self.measured, *_named_in(self.measured)))]
+
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Return an empty row."""
+        del run
+        return CapsuleRows.empty(_texts([self.capsule]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1)), [
+            0
+        ]
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Measure the capsule if need be, and compute its row."""
+        try:
+            measurement = measured_file(self.measured, run)
+            rows.sha256[row], rows.numbers[row] = measurement.sha256, numbers_of(measurement)
+            if measurement.status.ok:
+                fill_exactly(rows, row, measurement, replace(run, prior=prior_of_file(self.measured, run.prior)))
+            else:
+                rows.status[row] = measurement.status.name
+        except CapsbayesError as error:
+            rows.refuse(row, Status.UNUSABLE, str(error))
+
+
+@dataclass(frozen=True)
+class OutlinesTask(RowsTask):
+    """Some capsules of a file of outlines.
+
+    Parameters
+    ----------
+    store : Store
+    measurements : tuple of Measurement
+    left_out : tuple of str
+        One line for each capsule of the file that cannot be used.
+    """
+
+    measurements: tuple[Measurement, ...] = field(repr=False)
+    left_out: tuple[str, ...] = field(default=(), repr=False)
+    kind: ClassVar[str] = "outlines"
+
+    @property
+    def number(self) -> int:
+        """Number of rows."""
+        return len(self.measurements) + len(self.left_out)
+
+    def _contents(self) -> Sequence[Any]:
+        return [(measurement.source, measurement) for measurement in self.measurements], self.left_out
+
+    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
+        """Return rows with what was measured, and with the reasons of those that cannot be used."""
+        del run
+        names = [measurement.source.rpartition(": ")[2] for measurement in self.measurements]
+        names += [line.partition(": expected ")[0] for line in self.left_out]
+        sources = [measurement.source.rpartition(": ")[0] for measurement in self.measurements] + [""] * len(
+            self.left_out
+        )
+        blank = [""] * len(names)
+        rows = CapsuleRows.empty(_texts(names), _texts(sources), _texts(blank), _no_numbers(len(names)))
+        for row, measurement in enumerate(self.measurements):
+            rows.numbers[row] = numbers_of(measurement)
+        for row, line in enumerate(self.left_out, start=len(self.measurements)):
+            rows.refuse(row, Status.UNUSABLE, line)
+        return rows, list(range(len(self.measurements)))
+
+    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        """Compute a row on a grid for its outline."""
+        fill_exactly(rows, row, self.measurements[row], run)
+
+
+def _texts(texts: list[str]) -> NDArray[Any]:
+    return np.array(texts, dtype=object)
+
+
+def _no_numbers(count: int) -> Floats:
+    return np.full((count, len(NUMBERS)), np.nan)
+
+
+def _named_in(file: Path) -> list[Path]:
+    """Return the files that a measurement names, as its experiment and its outline."""
+    if file.suffix != ".toml":
+        return []
+    try:
+        content = InputFile.read(file).content
+    except InputError:  # reported when the measurement itself is read
+        return []
+    texts = [value for table in (content, *content.values()) if isinstance(table, Mapping) for value in table.values()]
+    named = [file.parent / text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME]
+    return [path for path in named if path.is_file()]
+
+
+def _content(file: Path) -> bytes:
+    """Return a hash of the content of a file; of one that cannot be read, none: its row says why."""
+    try:
+        return hashlib.sha256(read_bytes(file)).digest()
+    except InputError:
+        return b""
+
+
+def prior_of_file(file: Path, default: Prior) -> Prior:
+    """Return the prior that a measurement file states, with the default for what it does not state."""
+    if file.suffix.lower() in PICTURES:
+        return default
+    refuse_membrane(file, "a batch")
+    return Prior.read(file, default)
+
+
+def measured_file(file: Path, run: Run) -> Measurement:
+    """Return the measurement of a file: read from it, or measured in a picture.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or a picture lacks what it does not show.
+    """
+    if file.suffix.lower() not in PICTURES:
+        return Measurement.read(file)
+    from capsbayes.image import measure
+
+    if run.experiment is None or not (run.capsule_velocity or run.flow_rate):
+        missing, advice = "experiment", "give it for all pictures"
+        if run.experiment is not None:
+            missing, advice = "capsule_velocity", "give the flow rate, or a velocity that all share with its spread"
+        raise InputError(str(file), missing, "what a picture does not show", "nothing", advice)
+    how: dict[str, Any] = {"background": run.background, "flow": run.flow, "by_hand": run.by_hand}
+    how |= {"capsule_velocity": run.capsule_velocity, "flow_rate": run.flow_rate}
+    return measure(file, run.experiment, **how)
+
+
+# The capsules of a run, of a folder, of a table or of a file of outlines, as tasks
+
+ROWS = 250
+"""Of a table in one task: a fraction of a second of work, on the table of the model."""
+_EXACT_ROWS = 8
+"""Of a table or a file of outlines in one task that takes the exact engine: some seconds of work."""
+
+
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """The capsules of a run.
+
+    Parameters
+    ----------
+    tasks : list of RowsTask
+        In the order of the rows.
+    measurement : callable
+        From the number of a row to what was measured.
+    prior : callable
+        From the number of a row to its prior.
+    """
+
+    tasks: list[RowsTask]
+    measurement: Callable[[int], Measurement]
+    prior: Callable[[int], Prior]
+
+
+def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
+    """List the capsules of a run.
+
+    Parameters
+    ----------
+    source : Path or MeasuredLengths
+        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of
+        outlines (.nc).
+    run : Run
+    store : Store
+        Where the rows are kept.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to identify, or a table comes without its experiment.
+    """
+    if isinstance(source, MeasuredLengths):
+        _check_experiment(run, source.source)
+        return _table(source, run, store)
+    _check_there(source)
+    if source.is_dir():
+        files = capsule_files(source)
+        if not files:
+            expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
+            raise InputError(str(source), "", expected, "a folder without any")
+        return Listed(
+            [FileTask(store, file, _name_in(source, file)) for file in files],
+            lambda row: measured_file(files[row], run),
+            lambda row: prior_of_file(files[row], run.prior),
+        )
+    if source.suffix not in (*SHEETS, ".parquet", ".nc"):
+        expected = "a folder, a .csv, .xlsx, .parquet or .nc file"
+        raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
+    _check_experiment(run, str(source))
+    if is_table_of_lengths(source):
+        return _table(MeasuredLengths.read(source), run, store)
+    found = read_set(source, run.experiment)
+    seen = found.measurements
+    tasks: list[RowsTask] = [
+        OutlinesTask(store, seen[first : first + _EXACT_ROWS]) for first in range(0, len(seen), _EXACT_ROWS)
+    ]
+    if found.left_out:
+        tasks.append(OutlinesTask(store, (), found.left_out))
+    return Listed(tasks, lambda row: seen[row], lambda row: run.prior)
+
+
+def _check_experiment(run: Run, source: str) -> None:
+    if run.experiment is None:
+        advice = "say which with experiment=..., or --experiment"
+        raise InputError(source, "experiment", "the experiment of the capsules", "nothing", advice)
+
+
+def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
+    """List the rows of a table; a velocity or flow rate that is hardly known is refused."""
+    for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
+        expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
+        measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
+    rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS
+    tasks: list[RowsTask] = [
+        TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
+    ]
+    return Listed(tasks, measured.measurement, lambda row: run.prior.with_texts(measured.prior_texts(row)))
+
+
+def _name_in(folder: Path, file: Path) -> str:
+    """Return the name of the capsule of a file: FILM/capsule-1 where several films left folders within the folder."""
+    if file.name != "measurement.toml":
+        return file.stem
+    within = file.parent.relative_to(folder).as_posix()
+    return folder.resolve().name if within == "." else within
+
+
+def capsule_files(folder: Path) -> list[Path]:
+    """Return measurement files and pictures of a folder, and measurement files further down, as of films.
+
+    Raises
+    ------
+    InputError
+        If a film or an .rtdc file in the folder is not measured yet.
+    """
+    return [*measurement_files(folder), *pictures_of(folder)]
+
+
+def pictures_of(folder: Path) -> list[Path]:
+    """Return the pictures of a folder, films among them excepted."""
+    named = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in PICTURES]
+    return [file for file in named if not is_recording(file)]
+
+
+def common_experiment(source: Path) -> Experiment | None:
+    """Return the experiment that all measurement files of a folder name, None if they name several or none."""
+    if not source.is_dir() or not (files := capsule_files(source)):
+        return None
+    named: set[Path | None] = set()
+    for file in files:
+        with contextlib.suppress(InputError):  # a damaged file is refused by name later
+            stated = None if file.suffix.lower() in PICTURES else InputFile.read(file).content.get("experiment")
+            named.add((file.parent / stated).resolve() if isinstance(stated, str) else None)
+    only = named.pop() if len(named) == 1 else None
+    return None if only is None or not only.is_file() else Experiment.read(only)
+
+
+def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
+    """Return cross-section of the channel and view of the outlines, by the first capsule that states them.
+
+    Parameters
+    ----------
+    source : Path
+        As of `listed`.
+    experiment : Experiment, optional
+        Replaces that which the capsules name.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, or nothing states the cross-section: naming the first capsule that cannot be read, if any.
+    """
+    _check_there(source)
+    view, refused = MID_PLANE, None
+    if source.is_dir():
+        files = capsule_files(source)
+        for file in files:
+            try:
+                if file.suffix.lower() in PICTURES:
+                    view = SILHOUETTE
+                    break
+                measurement = Measurement.read(file)
+                experiment = experiment or (
+                    Experiment.read(measurement.experiment_file) if measurement.experiment_file else None
+                )
+                if measurement.outline is not None:
+                    view = measurement.outline.view
+                    break
+            except InputError as error:
+                refused = refused or error
+    elif source.suffix == ".nc" and not is_table_of_lengths(source):
+        view = check_view(opened(source).attrs.get("view", MID_PLANE), str(source), "view")
+    if experiment is None:
+        if refused is not None:
+            raise refused
+        advice = "say which with --experiment"
+        raise InputError(str(source), "experiment", "the experiment of the capsules", "nothing", advice)
+    return experiment.cross_section, view
+
+
+def _check_there(source: Path) -> None:
+    if not source.exists():
+        raise InputError(str(source), "", "a folder, a table of lengths or a file of outlines", "nothing there")
+
+
+# Capsules of a run sampled with emcee: to keep their draws, or to check the rows of some drawn at random
+
+_AGREES = 0.1  # standard deviation
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Largest differences between sampled posteriors and rows, over all quantities of the capsules checked.
+
+    Parameters
+    ----------
+    capsules : int
+        Number of capsules checked.
+    agreeing : int
+        Number of capsules whose medians and ends of intervals agree within 0.1 standard deviation, in every quantity.
+    median, ends_68, ends_95 : float
+        Largest difference of a median and of an end of the intervals, in standard deviations.
+    wider : int
+        Number of the other capsules of which only ends differ, and lie farther out in the row.
+    """
+
+    capsules: int
+    agreeing: int
+    median: float
+    ends_68: float
+    ends_95: float
+    wider: int
+
+    def __str__(self) -> str:
+        others = self.capsules - self.agreeing
+        wider = (
+            f"; of those that do not, {self.wider} of {others} have the wider intervals in their row, as where emcee "
+            "misses a distant shape"
+        )
+        return (
+            f"{self.agreeing} of {self.capsules} capsules drawn at random and sampled with emcee agree within "
+            f"{_AGREES:g} sd; the medians differ by at most {self.median:.3f} sd, the ends of 68 % intervals by "
+            f"{self.ends_68:.3f} sd, those of 95 % intervals by {self.ends_95:.3f} sd{wider if others else ''}"
+        )
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the fields by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class CheckTask(StoredTask):
+    """One capsule, to be sampled.
+
+    Parameters
+    ----------
+    store : Store
+    measurement : Measurement
+    summaries : (7, 7) array
+        Of its row.
+    seed : int
+    prior : Prior
+    """
+
+    measurement: Measurement
+    summaries: Floats
+    seed: int
+    prior: Prior
+    kind: ClassVar[str] = "check"
+
+    def _contents(self) -> Sequence[Any]:
+        return self.seed, self.measurement.source, self.measurement, self.summaries, self.prior
+
+    @property
+    def differences(self) -> Floats | None:
+        """Of median, lower and upper ends of the 68 % and of the 95 % interval : (7, 5) array, None if not done.
+
+        In standard deviations; that of an end is positive where the row has it farther out.
+        """
+        values = self.store.load(self.name)
+        return None if values is None else values["differences"]
+
+    def __call__(self, run: Run) -> None:
+        """Sample the capsule and keep the differences."""
+        experiment = run.experiment_of(self.measurement)
+        with steps_kept(self.store, self.name):
+            how: dict[str, Any] = {"engine": "emcee", "seed": self.seed, "prior": self.prior, "error_budget": False}
+            sampled = identify(self.measurement, run.model, experiment, **how)
+        differences = np.zeros((len(REPORTED), 5))
+        for number, name in enumerate(REPORTED):
+            other = np.array(list(sampled.marginals[name].as_dict().values()))
+            sd = self.summaries[number, 1]
+            if sd > 0.0:
+                differences[number] = (other - self.summaries[number])[2:] / sd * [1.0, 1.0, -1.0, 1.0, -1.0]
+        self.store.save(self.name, {"differences": differences})
+
+
+def compared(differences: Sequence[Floats]) -> Compared:
+    """Summarise the differences of several capsules."""
+    away = np.array(differences)  # (n, 7, 5)
+    far = np.abs(away) > _AGREES
+    agreeing = ~far.any(axis=(1, 2))
+    wider = ~agreeing & ~far[:, :, 0].any(axis=1) & ~(far & (away < 0.0)).any(axis=(1, 2))
+    median, *ends = np.abs(away).max(axis=(0, 1)).tolist()
+    largest = median, max(ends[:2]), max(ends[2:])
+    return Compared(len(away), int(np.count_nonzero(agreeing)), *largest, int(np.count_nonzero(wider)))
+
+
+def drawn_rows(usable: Booleans, share: float, most: int, seed: int) -> NDArray[np.intp]:
+    """Draw the rows to check at random: a share of those that can be checked, at least one."""
+    rows = np.flatnonzero(usable)
+    number = min(int(np.ceil(share * len(rows))), most, len(rows))
+    return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))
+
+
+@dataclass(frozen=True)
+class ChainTask:
+    """One capsule, whose posterior is sampled with emcee and written.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    prior : Prior
+    file : Path
+        Where the posterior goes, as `capsbayes identify` writes it.
+    digest : str
+        Hash of what it is computed from.
+    """
+
+    measurement: Measurement
+    prior: Prior
+    file: Path
+    digest: str
+
+    @classmethod
+    def of(cls, measurement: Measurement, prior: Prior, folder: Path, row: int, name: str, run: Run) -> ChainTask:
+        """Return the task of one row, whose file is named by number and name."""
+        experiment = run.experiment_of(measurement)
+        digest = digest_of(run.fingerprint, measurement.source, measurement, experiment, prior)
+        file = folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc"
+        return cls(measurement, prior, file, digest)
+
+    @property
+    def done(self) -> bool:
+        """True if the file is there and was computed from the same; it is written whole or not at all."""
+        return work_of(self.file) == self.digest
+
+    def __call__(self, run: Run) -> None:
+        """Sample and write."""
+        experiment = run.experiment_of(self.measurement)
+        with steps_kept(Store(self.file.parent, self.digest), self.file.stem):
+            posterior = identify(self.measurement, run.model, experiment, seed=run.seed, prior=self.prior)
+        posterior.write(self.file, work=self.digest)
+
+
+# From many measured capsules to their posteriors: in parallel, resumable, one row a capsule
+
+_logger = logging.getLogger(__name__)
+
+_ATTEMPTS = 3  # at tasks whose workers are killed
+
+
+@checked
+@guarded()
+def identify_folder(
+    source: str | os.PathLike[str] | pd.DataFrame,
+    model: ForwardModel,
+    experiment: Experiment | None = None,
+    *,
+    out: str | os.PathLike[str],
+    seed: int,
+    prior: Prior | None = None,
+    shared_velocity: Given | None = None,
+    flow_rate: Given | None = None,
+    background: str | os.PathLike[str] | None = None,
+    flow: str | None = None,
+    by_hand: Any = None,
+    check: float = 0.01,
+    most_checked: int = 100,
+    chains: str | os.PathLike[str] | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Population:
+    """Identify many capsules.
+
+    Finished parts are kept in the folder ``<out>.parts``. The same call made again, after an interruption or with more
+    files in the folder, computes only what is missing; the result depends neither on interruptions nor on the number
+    of workers. The parts of a table are removed at the end, those of a folder stay.
+    A capsule that cannot be identified is a row with its status. Lengths are identified on a table of the model, each
+    outline on a grid of its own.
+
+    Parameters
+    ----------
+    source : path or pandas DataFrame
+        A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc);
+        or a DataFrame with the columns of a table, see `capsbayes.measurement_sets.MeasuredLengths.read`.
+    model : ForwardModel
+    experiment : Experiment, optional
+        By default the one that each measurement of a folder names.
+    out : path
+        The NetCDF file to write; a ``.csv`` of the same name is written next to it. Neither replaces `source`, nor a
+        file that was not written here, unless within `capsbayes.files.guarded` with ``overwrite=True``.
+    seed : int
+        Seed of all random numbers; stored in the result.
+    prior : Prior, optional
+    shared_velocity : Quantity, optional [m/s]
+        Velocity that the capsules in pictures share, in any form that `Quantity.of` reads; its error is the spread
+        from capsule to capsule, and counts as an independent error of each.
+    flow_rate : Quantity, optional [m^3/s]
+        Flow rate in the channel of the pictures, with its standard error; no velocity is needed with it.
+    background : path, optional
+        Picture of the empty channel.
+    flow : str, optional
+        ``"right"`` or ``"left"``, in pictures.
+    by_hand : ByHand, optional
+        What is stated of walls, scale and part of all pictures, as `capsbayes.image.ByHand`.
+    check : float
+        Share of the capsules, drawn at random, that are sampled with emcee too.
+    most_checked : int
+        Largest number of these: each takes a second or more.
+    chains : path, optional
+        Folder for the draws of each capsule, sampled with emcee; not kept by default.
+    scheduler : str, optional
+        Address of a dask cluster (``"tcp://host:port"``) that sees the same files, or ``"synchronous"`` for this
+        process alone. By default, worker processes of this machine.
+    workers : int, optional
+        Number of worker processes; by default, one for each core.
+    progress : bool
+        Show a progress bar, on a terminal.
+
+    Returns
+    -------
+    Population
+
+    Raises
+    ------
+    InputError
+        If there is nothing to identify, another run writes `out`, no cluster answers, or the disk is full; finished
+        parts are then kept.
+    """
+    out = Path(out)
+    given = Path(source) if isinstance(source, (str, os.PathLike)) else MeasuredLengths.of_frame(source)
+    if experiment is None and isinstance(given, Path):
+        experiment = common_experiment(given)
+    parts = out.with_name(f"{out.name}.parts")
+    _check_outputs(given, out, parts)
+    where = None if background is None else Path(background)
+    speed, rate = (
+        None if given_one is None else Quantity.of(given_one, name, where="identify_folder")
+        for given_one, name in ((shared_velocity, "capsule_velocity"), (flow_rate, "flow_rate"))
+    )
+    run = Run(model, experiment, prior or Prior(), seed, speed, rate, where, flow, by_hand)
+    check_coordinates(model, run.prior)
+    if experiment is not None:
+        model.check_experiment(experiment)
+    pool = _Pool(run, scheduler, workers, progress)
+    store = Store(parts, run.fingerprint)
+    with only_run(out), keeping(parts), refusing(parts, "a folder that can be written"):
+        found = listed(given, run, store)
+        pool.finish(found.tasks, "parts")
+        rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
+        attributes = _attributes(run, str(given) if isinstance(given, Path) else given.source)
+        population = Population.of(rows, attributes, limit_of(model))
+        population.write(out.with_suffix(".csv"))
+        agreement = _checked(population, found, store, check, most_checked, pool)
+        if agreement is not None:
+            population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
+        population.write(out)
+        if chains is not None:
+            make_folder(Path(chains))
+            usable = {int(row): str(population["name"][row]) for row in _with_result(population)}
+            drawn = [
+                ChainTask.of(found.measurement(row), found.prior(row), Path(chains), row, name, run)
+                for row, name in usable.items()
+            ]
+            pool.finish(drawn, "chains")
+        if not (isinstance(given, Path) and given.is_dir()):
+            shutil.rmtree(parts)
+    return population
+
+
+def _check_outputs(given: Path | MeasuredLengths, out: Path, parts: Path) -> None:
+    """Refuse outputs that would replace the source, or a file that was not written here."""
+    if isinstance(given, Path):
+        note_input(given)
+    if out.suffix != ".nc":
+        raise InputError("identify_folder", "out", "a file name that ends in .nc", repr(str(out)))
+    for path in (out, out.with_suffix(".csv")):
+        check_replaceable(path)
+    check_parts(parts)
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Scheduler of the tasks."""
+
+    run: Run
+    scheduler: str | None
+    workers: int | None
+    progress: bool
+
+    def finish(self, tasks: Sequence[StoredTask | ChainTask], what: str) -> None:
+        """Run the tasks that are not done; again those still missing if a worker was killed."""
+        names = {task.file.name for task in tasks}
+
+        def count() -> tuple[int, str]:  # by one look into their folder: there may be a hundred thousand files
+            folder = tasks[0].file.parent if tasks else None
+            there = os.listdir(folder) if folder is not None and folder.exists() else ()
+            return len(names.intersection(there)), what
+
+        with progress_bar(len(names), what, show=self.progress, count=count):
+            for attempt in range(_ATTEMPTS):
+                missing = [task for task in tasks if not task.done]
+                try:
+                    run_tasks(missing, self.scheduler, self.workers, self.run)
+                    return
+                except BrokenProcessPool:
+                    left = _ATTEMPTS - attempt - 1
+                    _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
+        advice = "give it more memory or fewer workers, and start again: what is finished is kept"
+        raise InputError("workers", "", "workers that run to their end", "one killed at each attempt", advice)
+
+
+def _read(task: RowsTask) -> CapsuleRows:
+    rows = task.rows
+    assert rows is not None, "the workers see the same files"
+    return rows
+
+
+def _attributes(run: Run, source: str) -> dict[str, Any]:
+    known = run.experiment
+    stated: dict[str, Any] = {}
+    if known is not None:
+        inputs = {"half_width": known.half_width, "viscosity": known.viscosity}
+        pairs = {name: {"value": quantity.mean, "error": quantity.sd} for name, quantity in inputs.items()}
+        stated = {"cross_section": known.cross_section, **pairs}
+    return {
+        "title": "posteriors of capsules",
+        "source": source,
+        "model": run.model.name,
+        "model_sha256": run.model.sha256,
+        "experiment": json.dumps(stated),
+        "prior": json.dumps(run.prior.described()),
+        "seed": run.seed,
+        "version": __version__,
+        "fingerprint": run.fingerprint,
+    }
+
+
+def _with_result(population: Population) -> NDArray[np.intp]:
+    return np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"]))
+
+
+def _checked(
+    population: Population, found: Listed, store: Store, share: float, most: int, pool: _Pool
+) -> Compared | None:
+    """Compare rows with sampling; return None if no capsule can be compared or none shall be."""
+    rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
+    if not len(rows):
+        return None
+    names = [f"{name}_{statistic}" for name in REPORTED for statistic in STATISTICS]
+    summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(REPORTED), -1)
+    seed = int(population.dataset.attrs["seed"])
+    tasks = [
+        CheckTask(store, found.measurement(row), of_row, seed, found.prior(row))
+        for row, of_row in zip(map(int, rows), summaries, strict=True)
+    ]
+    pool.finish(tasks, "capsules sampled")
+    return compared([task.differences for task in tasks if task.differences is not None])

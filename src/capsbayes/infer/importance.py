@@ -1,0 +1,515 @@
+"""The exact engine for a model with several further coordinates: importance sampling from a fitted mixture."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from capsbayes.arrays import Floats, Integers
+from capsbayes.experiment import Experiment
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.grid import ExactPosterior, NodePosterior, Nodes
+from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.infer.mixed import MixedQuadrature
+from capsbayes.infer.outline import outline_likelihood
+from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Marginal, Prior
+from capsbayes.infer.proposal import (
+    PLACE,
+    Frame,
+    Polynomial,
+    Proposal,
+    check_thickness,
+    effective,
+    normalised,
+    quasi_random,
+    rows_by_weight,
+    smoothed,
+    tempered,
+)
+from capsbayes.infer.quadrature import UNSEEN, Quadrature, check_shape, log_density_in, with_error_of_half_width
+from capsbayes.measurement import Measurement
+from capsbayes.model import ForwardModel
+from capsbayes.quantity import Quantity
+from capsbayes.status import Status
+
+# Posterior of one capsule at weighted points, and the distributions of all quantities that follow from them
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedPosterior(NodePosterior):
+    """Posterior of one capsule over (log Ca, a/l) and several further coordinates.
+
+    Parameters
+    ----------
+    forward : ForwardModel
+    density : PosteriorDensity
+        With the coordinates.
+    frame : Frame
+    proposal : Proposal
+        What the points were drawn from.
+    points : (n, d) array
+        In the frame, of finite density.
+    log_density : (n,) array
+        Of the posterior in the frame, up to a constant.
+    weights : (n,) array
+        Probability of each point.
+    nodes : Nodes
+        The model there.
+    gates : tuple of Gate
+        On the weights.
+    """
+
+    forward: ForwardModel
+    density: PosteriorDensity
+    frame: Frame
+    proposal: Proposal
+    points: Floats
+    log_density: Floats
+    weights: Floats
+    nodes: Nodes
+    gates: tuple[Gate, ...]
+    unresolved: ClassVar[Status] = Status.TOO_FEW_DRAWS
+
+    @property
+    def likeliest(self) -> dict[str, float]:
+        """The point of largest density, each coordinate measured by its prior: its names and values."""
+        best = int(np.argmax(self.log_density))
+        return {name: float(values[best]) for name, values in self._theta.items() if name in self.forward.names}
+
+    @cached_property
+    def middle(self) -> dict[str, float]:
+        """The one of the points that is nearest to their mean along the sheet, as `likeliest`."""
+        there = self.frame.theta(self.proposal.middle(self.points, self.weights)[None])
+        return {name: float(values[0]) for name, values in there.items() if name in self.forward.names}
+
+    @cached_property
+    def cut(self) -> bool:
+        """See `NodePosterior`."""
+        if self.density.prior.is_general:
+            return True
+        place = self.nodes.model, self.nodes.log_ca, self.nodes.size, self._theta.get("half_width")
+        return bool(np.min(self.density.log_share(*place)) < -1e-6)
+
+    def marginal(self, name: str) -> Marginal:
+        """See `ExactPosterior`."""
+        return self._summary(self._theta[name]) if name in self._own else super().marginal(name)
+
+    def log_marginal(self, name: str) -> Marginal:
+        """See `ExactPosterior`; of a coordinate, which may vanish, the summary of itself."""
+        if name in self._coordinates:
+            return self._summary(self._theta[name])
+        return self._summary(np.log(self._theta[name])) if name in self._own else super().log_marginal(name)
+
+    def probability_below(self, name: str, value: float) -> float:
+        """See `ExactPosterior`."""
+        if name in self._own:
+            return float(self.weights @ (self._theta[name] <= value))
+        return super().probability_below(name, value)
+
+    def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+        """See `ExactPosterior`; a point comes as often as its weight says, give or take one."""
+        rows = self.resampled(rng, count)
+        names = ("capillary_number", "size_ratio", *self._coordinates)
+        width = ("half_width",) if "half_width" in self._theta else ()
+        nodes = {name: self._theta[name][rows] for name in (*names, *width)}
+        return self.density.completed(rng, nodes, self.nodes.model.taken(rows))
+
+    def resampled(self, rng: np.random.Generator, count: int) -> Integers:
+        """Return rows of the points, in random order, as often as their weights say : (count,) array."""
+        return np.asarray(rng.permutation(rows_by_weight(self.weights, rng, count)))
+
+    def variance_of_mean(self, name: str) -> float:
+        """Return the variance of the mean of the logarithm of a quantity over the shapes and membranes."""
+        logs = self._mean_logs[name]
+        return float(self.weights @ (logs - self.weights @ logs) ** 2)
+
+    def variance_given(self, coordinate: str, name: str) -> float:
+        """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate.
+
+        The mean at given value is a cubic polynomial of its normal score under the prior, by least squares. One of a
+        known thickness adds none.
+        """
+        if coordinate not in self.frame.columns:
+            return 0.0
+        logs = self._mean_logs[name]
+        column = self.points[:, self.frame.column(coordinate)]
+        away = column - self.weights @ column
+        away /= np.sqrt(self.weights @ away**2)
+        root = np.sqrt(self.weights)
+        basis = np.stack([np.ones(len(away)), away, away**2, away**3], axis=1)
+        fit = basis @ np.linalg.lstsq(root[:, None] * basis, root * logs, rcond=None)[0]
+        return float(self.weights @ (fit - self.weights @ fit) ** 2)
+
+    def variance_given_all(self, name: str) -> float:
+        """Return the variance of the mean of the logarithm of a quantity over the values of all coordinates together.
+
+        The mean is a cubic polynomial of their normal scores, as in `variance_given`.
+        """
+        scores = self.points[:, PLACE : PLACE + len(self.frame.columns)]
+        fit = Polynomial.fitted(scores, self._mean_logs[name], self.weights)(scores)
+        return float(self.weights @ (fit - self.weights @ fit) ** 2)
+
+    @property
+    def _coordinates(self) -> tuple[str, ...]:
+        return tuple(coordinate.name for coordinate in self.density.coordinates)
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        return (*self._coordinates, THICKNESS) if self.density.by_thickness else self._coordinates
+
+    @cached_property
+    def _theta(self) -> Mapping[str, Floats]:
+        return self.frame.theta(self.points)
+
+    @cached_property
+    def _mean_logs(self) -> dict[str, Floats]:
+        """Means of log G_s and log a at each point, up to a constant : (n,) arrays."""
+        width = self._theta.get("half_width")
+        radius = np.log(self.nodes.size) + (0.0 if width is None else np.log(width))
+        ratio = 0.0 if self.density.inputs.by_flow_rate else self._ratio[0]
+        return {"surface_shear_modulus": -self.nodes.log_ca - ratio, "capsule_radius": radius}
+
+    @property
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """See `NodePosterior`."""
+        return self.weights, self.nodes, self._theta.get("half_width")
+
+    @property
+    def _spacing(self) -> tuple[float, float, float]:
+        return 0.0, 0.0, 0.0
+
+    def _summary(self, values: Floats) -> Marginal:
+        order = np.argsort(values)
+        middles = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
+        mean = float(self.weights @ values)
+        sd = float(np.sqrt(self.weights @ (values - mean) ** 2))
+        return Marginal(mean, sd, *np.interp(Marginal.LEVELS, middles, values[order]).tolist())
+
+
+# The exact engine for a model with several further coordinates: a mixture fitted to the posterior, drawn and weighted.
+#
+# A cloud over the whole prior is weighted by a power of the posterior that keeps
+# enough of its points alive, a mixture is fitted to them and drawn from, and so on
+# until the power is one. The draws are a quasi-random sequence, so that
+# sums over them converge faster than those over random ones
+
+_CLOUD = 2**14  # points over the prior
+_TRIED = 2**12  # draws of a round
+_ROUNDS = 8  # at most, of each number of draws
+_GOOD = 0.25  # share of effective draws, below which rounds of more draws follow
+_ALIVE = 0.1  # share of effective draws to which a mixture is fitted
+_GAIN = 1.15  # of the share of effective draws by a round that leads to another one
+_FITS = 0.4  # share of effective draws that suffices
+_SHAPES = 2**13  # draws of what the priors predict
+_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (15_000.0, 2**14, 2**15), (1_500.0, 2**12, 2**14)
+"""Effective draws that are enough, first and most draws."""
+_LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
+_REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
+_PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
+_SETTLED = 1.0  # standard deviations between pilot and centre of the posterior, up to which it suffices
+_OTHERS = 31  # further shapes over which the model's own error is averaged
+_NEAR = 0.02  # share of effective draws at which the first pilot is left for one in their middle
+_SEARCHED = 50  # points of an outline, as many or up to twice as many, while a proposal is sought
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points (n, d) in a frame, the model there, the logs of the posterior density and of that they are drawn by."""
+
+    points: Floats
+    nodes: Nodes
+    log_density: Floats
+    log_drawn: Floats
+
+    @property
+    def log_weights(self) -> Floats:
+        """Logs of the weights : (n,) array, -inf where the density vanishes."""
+        return self.log_density - self.log_drawn
+
+    def joined(self, other: Cloud) -> Cloud:
+        """Return these points followed by others."""
+        arrays = (self.points, other.points), (self.log_density, other.log_density), (self.log_drawn, other.log_drawn)
+        points, log_density, log_drawn = map(np.concatenate, arrays)
+        return Cloud(points, self.nodes.joined(other.nodes), log_density, log_drawn)
+
+
+class ImportanceSampling:
+    """Engine for many capsules of one experiment and one model with several further coordinates.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    experiment : Experiment
+    prior : Prior, optional
+    """
+
+    def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
+        self.model, self.experiment = model, experiment
+        stated = (prior or Prior()).with_thickness(experiment)
+        self.coordinates = Coordinate.all_of(model, stated)
+        check_thickness(self.coordinates, experiment, model.domain)
+        known = {THICKNESS if each.by_thickness else each.name: each.distribution for each in self.coordinates}
+        self.prior = replace(stated, coordinates=known)
+        self.inputs = Inputs.of_experiment(experiment)
+
+    def __call__(
+        self,
+        measurement: Measurement,
+        *,
+        inputs: Inputs | None = None,
+        error_scale: float = 1.0,
+        near: WeightedPosterior | None = None,
+    ) -> WeightedPosterior:
+        """Compute the posterior of one capsule.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        inputs : Inputs, optional
+            Replace those of the measurement and of the experiment.
+        error_scale : float
+            Factor on the model's own standard errors.
+        near : WeightedPosterior, optional
+            One that is nearly the same, from which the search begins.
+
+        Raises
+        ------
+        InputError
+            If no case of the model has such a shape, or the prior excludes all that have it.
+        """
+        inputs = inputs or self.inputs.with_velocity_of(measurement)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinates)
+        frame = self._frame(density)
+        if near is not None:
+            return self._next_to(near, frame, density, measurement)
+        cloud = self._over_prior(frame, density)
+        log_density_in(self.prior, with_error_of_half_width(density), cloud.nodes, measurement.source or "prior")
+        proposal, tried = self._fitted(frame, density, cloud)
+        check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
+        if measurement.outline is None:
+            return self._finished(frame, density, proposal, _LENGTHS)
+        return self._of_outline(frame, density, (proposal, tried), measurement)
+
+    def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
+
+        Half of them are drawn where L_z is as measured, which the p-value of L_a is predicted from; the weights
+        undo that choice.
+
+        Parameters
+        ----------
+        density : PosteriorDensity
+            Of the capsule.
+
+        Returns
+        -------
+        model : ModelAtPoints
+            Of (n,) arrays.
+        logs : (n,) array
+            Up to a constant of the capsule.
+        """
+        inputs, rough = density.inputs.first_source, with_error_of_half_width(density)
+        if density.by_thickness:
+            inputs = replace(inputs, half_width=Quantity(inputs.half_width.value, unit="m"))
+        extent = replace(rough, likelihood=replace(rough.likelihood, length=None), outline=None, inputs=inputs)
+        unseen = replace(extent, likelihood=UNSEEN)
+        frame = self._frame(extent)
+        cloud = self._over_prior(frame, extent)
+        proposal, _ = self._fitted(frame, extent, cloud)
+        tried = self._drawn(frame, extent, proposal, _SHAPES)
+        both = cloud.joined(tried)
+        shares = np.log([[len(cloud.points)], [len(tried.points)]])
+        drawn = np.logaddexp(*(shares + np.stack([frame.log_of_prior(both.points), proposal.log_density(both.points)])))
+        logs = frame.log_density(unseen, both.points, both.nodes) - drawn
+        inside = np.isfinite(logs)
+        return both.nodes.model.taken(inside), logs[inside]
+
+    def _of_outline(
+        self, frame: Frame, density: PosteriorDensity, fitted: tuple[Proposal, Cloud], measurement: Measurement
+    ) -> WeightedPosterior:
+        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape.
+
+        While it is sought, some points of the outline stand for all.
+        """
+        assert measurement.outline is not None, "an outline"
+        every = max(1, len(measurement.outline.points) // _SEARCHED)
+        some = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
+        (proposal, cloud), (least, most) = fitted, _PILOTS
+        weights = normalised(cloud.log_weights)
+        there = proposal.middle(cloud.points, weights)
+        for number in range(1, most + 1):
+            rough = self._seen_from(frame, density, some, there, cloud.points[_spread(weights)])
+            first = self._drawn(frame, rough, proposal)
+            proposal, cloud = self._fitted(frame, rough, first, _NEAR if number < least else _FITS)
+            weights = normalised(cloud.log_weights)
+            before, there = there, proposal.middle(cloud.points, weights)
+            sds = np.sqrt(weights @ (cloud.points - weights @ cloud.points) ** 2)
+            if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
+                break
+        density = self._seen_from(frame, density, measurement, there, cloud.points[_spread(weights)])
+        proposal, _ = self._fitted(frame, density, self._drawn(frame, density, proposal))
+        return self._finished(frame, density, proposal, _OUTLINE)
+
+    def _next_to(
+        self, near: WeightedPosterior, frame: Frame, density: PosteriorDensity, measurement: Measurement
+    ) -> WeightedPosterior:
+        """Compute a posterior that is nearly the same as another one, less precisely."""
+        if measurement.outline is None:
+            found = self._reweighted(near, density)
+            if all(gate.passed for gate in found.gates):
+                return found
+        else:
+            there = near.proposal.middle(near.points, near.weights)
+            density = self._seen_from(frame, density, measurement, there, near.points[_spread(near.weights)])
+        cloud = self._drawn(frame, density, near.proposal)
+        proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED))
+        return self._finished(frame, density, proposal, _NEXT)
+
+    def _reweighted(self, near: WeightedPosterior, density: PosteriorDensity) -> WeightedPosterior:
+        """Return the posterior of lengths at the points of another one, where the model is known."""
+        frame, factor = near.frame, density.error_scale / near.density.error_scale
+        nodes = replace(near.nodes, model=near.nodes.model.rescaled(factor))
+        width = frame.theta(near.points).get("half_width")
+        log_density = frame.log_density(density, near.points, nodes, width)
+        drawn = near.log_density - np.log(near.weights)
+        return self._weighted(density, frame, near.proposal, Cloud(near.points, nodes, log_density, drawn))
+
+    def _seen_from(
+        self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats, others: Floats
+    ) -> PosteriorDensity:
+        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,).
+
+        The model's own error is averaged over this and other points (k, d): it may change much from place to place.
+        """
+        assert measurement.outline is not None, "an outline"
+        values = frame.theta(np.concatenate([there[None], others]))
+        theta, *rest = (
+            {name: float(column[row]) for name, column in values.items() if name in self.model.names}
+            for row in range(1 + len(others))
+        )
+        length = measurement.length_with_outline
+        pilot = outline_likelihood(
+            self.model, measurement.outline, theta, density.error_scale, length=length, others=rest
+        )
+        return replace(density, outline=pilot)
+
+    def _frame(self, density: PosteriorDensity) -> Frame:
+        width = density.inputs.half_width if density.shape_depends_on_half_width else None
+        return Frame(self.model.domain, self.coordinates, width, density.inputs.half_width.value)
+
+    def _over_prior(self, frame: Frame, density: PosteriorDensity) -> Cloud:
+        """Return a cloud over the prior; the likelihood of an outline is left out, as it needs a pilot."""
+        points = frame.of_prior(quasi_random(frame.dimensions, _CLOUD, 0))
+        # of a half width that is a dimension, the density contains the very prior that it is drawn by
+        drawn = frame.log_prior(points)
+        if frame.half_width is not None:
+            drawn = drawn + frame.half_width.log_shape(frame.theta(points)["half_width"])
+        return self._evaluated(frame, density, points, drawn)
+
+    def _fitted(
+        self, frame: Frame, density: PosteriorDensity, cloud: Cloud, enough: float = _FITS
+    ) -> tuple[Proposal, Cloud]:
+        """Return a proposal fitted to the posterior and the last draws before it, from a cloud that is wider.
+
+        There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no more
+        and few of them are effective, there are more draws in each.
+        """
+        proposal, number = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED)), 0
+        for count in (_TRIED, 4 * _TRIED):
+            before = 0.0
+            for _ in range(_ROUNDS):
+                number += 1
+                cloud = self._drawn(frame, density, proposal, count, seed=number)
+                share = effective(normalised(cloud.log_weights)) / count
+                if share < _GAIN * before and before > _ALIVE:
+                    break
+                before = share
+                proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * count))
+                if share >= enough:
+                    break
+            if share > min(_GOOD, enough):
+                break
+        return proposal, cloud
+
+    def _drawn(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, count: int = _TRIED, *, seed: int = 0
+    ) -> Cloud:
+        points = proposal.drawn(quasi_random(frame.dimensions + 2, count, seed))
+        return self._evaluated(frame, density, points, proposal.log_density(points))
+
+    def _finished(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, numbers: tuple[float, int, int]
+    ) -> WeightedPosterior:
+        """Draw and weigh; while a gate fails, fit a proposal to the draws and repeat."""
+        for _ in range(_REPEATS + 1):
+            cloud = self._enough(frame, density, proposal, *numbers)
+            found = self._weighted(density, frame, proposal, cloud)
+            if all(gate.passed for gate in found.gates):
+                break
+            proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * numbers[1]))
+        return found
+
+    def _weighted(self, density: PosteriorDensity, frame: Frame, proposal: Proposal, cloud: Cloud) -> WeightedPosterior:
+        """Return the posterior at the points of a cloud, and the gates on their weights."""
+        log_weights, shape = smoothed(cloud.log_weights)
+        weights = normalised(log_weights)
+        gates = (
+            Gate("effective draws", effective(normalised(cloud.log_weights)), least=_LEAST_EFFECTIVE),
+            Gate("Pareto k of the weights", shape, most=_MOST_PARETO),
+        )
+        kept = weights > 0.0
+        known = cloud.points[kept], cloud.log_density[kept], weights[kept], cloud.nodes.taken(kept), gates
+        return WeightedPosterior(self.model, density, frame, proposal, *known)
+
+    def _enough(
+        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, enough: float, first: int, most: int
+    ) -> Cloud:
+        """Draw some, and as many again until the effective draws are enough, or the draws the most."""
+        cloud = self._drawn(frame, density, proposal, first, seed=-1)
+        while effective(normalised(cloud.log_weights)) < enough and len(cloud.points) < most:
+            ahead = len(cloud.points)
+            points = proposal.drawn(quasi_random(frame.dimensions + 2, ahead, -1, ahead))
+            cloud = cloud.joined(self._evaluated(frame, density, points, proposal.log_density(points)))
+        return cloud
+
+    def _evaluated(self, frame: Frame, density: PosteriorDensity, points: Floats, log_drawn: Floats) -> Cloud:
+        nodes, log_density = frame.evaluated(self.model, density, points)
+        return Cloud(points, nodes, log_density, log_drawn)
+
+
+def _spread(weights: Floats) -> Integers:
+    """Return rows (k,) of points spread evenly over the probability."""
+    shares = (np.arange(_OTHERS) + 0.5) / _OTHERS
+    return np.searchsorted(np.cumsum(weights), shares * weights.sum())
+
+
+# The engine whose posterior needs no chains: by the number of further coordinates of the model
+
+ExactEngine = Quadrature | MixedQuadrature | ImportanceSampling
+
+
+def exact_engine(
+    model: ForwardModel, experiment: Experiment, prior: Prior | None = None, *, outline: bool = False
+) -> ExactEngine:
+    """Return a `Quadrature`, for a model with one further coordinate a mixture, with several `ImportanceSampling`.
+
+    The last is also for measurements with an outline and one coordinate: an outline is worth so much that a mixture
+    needs a hundred cells, each with a grid of its own. And a thickness of the membrane ties a coordinate to the radius,
+    which only the last can do.
+    """
+    prior = (prior or Prior()).with_thickness(experiment)
+    kinds = Quadrature, ImportanceSampling if outline else MixedQuadrature, ImportanceSampling
+    return kinds[2 if THICKNESS in prior.coordinates else min(len(model.coordinates), 2)](model, experiment, prior)
+
+
+def engine_near(engine: ExactEngine, posterior: ExactPosterior) -> Callable[..., ExactPosterior]:
+    """Return the engine for a measurement nearly that of a posterior, from whose draws it begins if it draws."""
+    if isinstance(engine, ImportanceSampling) and isinstance(posterior, WeightedPosterior):
+        return functools.partial(engine, near=posterior)
+    return engine

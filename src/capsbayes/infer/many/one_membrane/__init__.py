@@ -1,1 +1,0 @@
-"""One membrane shared by the capsules of a batch: what it is, and the shear modulus and radius of each capsule."""

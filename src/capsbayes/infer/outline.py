@@ -1,0 +1,732 @@
+"""Measured outlines: their normal distances from predicted ones, and their likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numba import njit
+from scipy.interpolate import RectBivariateSpline
+from scipy.linalg.lapack import dtrtrs
+from scipy.ndimage import binary_erosion
+from scipy.special import chdtri
+
+from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.errors import InputError
+from capsbayes.infer.checks import Gate
+from capsbayes.measurement import MeasuredOutline, OutlineNoise, Pose
+from capsbayes.model import ForwardModel
+from capsbayes.parameters import COORDINATES
+from capsbayes.profile import arc_length, edge_lengths, vertex_normals
+
+# Normal distances between a measured outline and predicted ones
+
+_FITS = 5  # of the pose; three suffice from half a radius away
+_STANDS = 1e-4  # shift and turn that are neglected where many outlines are compared
+_DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circle has no tilt
+
+
+class Footing(NamedTuple):
+    """Nearest places of measured points (m, 2) on one outline.
+
+    Parameters
+    ----------
+    distance : (m,) array
+        Normal distance, positive outside.
+    place : (m,) array
+        Number of the outline's vertex before the nearest point, and the share of the edge from there on.
+    normal : (m, 2) array
+        Outward unit normal there.
+    """
+
+    distance: Floats
+    place: Floats
+    normal: Floats
+
+
+def posed_on(points: Floats, outline: Floats, *, fits: int = _FITS) -> tuple[Floats, Footing]:
+    """Shift and turn points onto one closed outline by least squares, and find their nearest places on it.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+        Consecutive, columns (z, y), in the sense of the outline.
+    outline : (p, 2) array
+        Vertices, as of a `Profile`: z and y turn counter-clockwise, the interior on the left.
+    fits : int
+        Least-squares fits; with none the points stay.
+
+    Returns
+    -------
+    (m, 2) array, Footing
+    """
+    moved, count = np.array(points, dtype=np.float64, order="C"), len(points)
+    distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
+    _pose(moved, _contiguous(outline), fits, 0.0, distance, place, normal)
+    return moved, Footing(distance, place, normal)
+
+
+def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -> Floats:
+    """Return the normal distances of measured points from each of n outlines, positive outside.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+    outlines : (n, p, 2) array
+        A row of NaN gives NaN.
+    posed : bool
+        Shift and turn the points onto each outline first, by least squares.
+
+    Returns
+    -------
+    (n, m) array
+    """
+    distances = np.empty((len(outlines), len(points)))
+    _all_distances(_contiguous(points), _contiguous(outlines), _FITS if posed else 0, distances)
+    return distances
+
+
+def _contiguous(array: Floats) -> Floats:
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _all_distances(points, outlines, fits, distances):  # type: ignore[no-untyped-def]
+    moved, place, normal = np.empty_like(points), np.empty(len(points)), np.empty((len(points), 2))
+    for n in range(len(outlines)):
+        if np.isnan(outlines[n, 0, 0]):
+            distances[n] = np.nan
+            continue
+        for i in range(len(points)):  # numba takes seconds to compile an assignment of arrays
+            moved[i, 0], moved[i, 1] = points[i, 0], points[i, 1]
+        _pose(moved, outlines[n], fits, _STANDS, distances[n], place, normal)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pose(points, outline, fits, stands, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Shift and turn points in place, a few times or until nothing changes, and find their nearest places."""
+    _nearest(points, outline, distance, place, normal)
+    for _ in range(fits):
+        if not _moved(points, stands, distance, normal):
+            break
+        _nearest(points, outline, distance, place, normal)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(points, stands, distance, normal):  # type: ignore[no-untyped-def]
+    """Shift and turn points by least squares of their distances, in place; False if they stand well."""
+    matrix, side, row = np.zeros((3, 3)), np.zeros(3), np.empty(3)
+    for i in range(len(points)):
+        row[0], row[1] = normal[i, 0], normal[i, 1]
+        row[2] = points[i, 0] * normal[i, 1] - points[i, 1] * normal[i, 0]
+        for j in range(3):
+            side[j] -= row[j] * distance[i]
+            for k in range(3):
+                matrix[j, k] += row[j] * row[k]
+    matrix[2, 2] += _DAMPED * len(points)
+    step = np.linalg.solve(matrix, side)
+    if max(abs(step[0]), abs(step[1]), abs(step[2])) < stands:
+        return False
+    cosine, sine = np.cos(step[2]), np.sin(step[2])
+    for i in range(len(points)):
+        z, y = points[i]
+        points[i, 0], points[i, 1] = cosine * z - sine * y + step[0], sine * z + cosine * y + step[1]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(points, outline, distance, place, normal):  # type: ignore[no-untyped-def]
+    """Fill in distance, place and normal of each point: the first looks everywhere, the others near the one before.
+
+    So no point jumps from the outer side of a thin rim to its inner side. Behind a gap, as left where a wall hid the
+    edge, it is looked for as much further on.
+    """
+    count = len(outline)
+    round_it, longest = 0.0, 0.0
+    for j in range(count):
+        following = j + 1 if j + 1 < count else 0
+        along_z, along_y = outline[following, 0] - outline[j, 0], outline[following, 1] - outline[j, 1]
+        edge_length = np.sqrt(along_z * along_z + along_y * along_y)
+        round_it += edge_length
+        longest = max(longest, edge_length)
+    squares = np.empty(count)
+    usual, best = min(count, 8 + 6 * count // len(points)), 0
+    for i in range(len(points)):
+        z, y = points[i]
+        reach = usual
+        if i == 0:
+            reach = count
+        else:
+            step = np.hypot(z - points[i - 1, 0], y - points[i - 1, 1]) / round_it * count
+            if 2.0 * step > usual - 8:
+                reach = min(count, usual + int(3.0 * step))
+        first = best - reach // 2
+        if first < 0:  # the modulo operator would take longer than all the rest
+            first += count
+        square, j = np.inf, first
+        for k in range(reach):
+            away_z, away_y = z - outline[j, 0], y - outline[j, 1]
+            squares[k] = away_z * away_z + away_y * away_y
+            square = min(square, squares[k])
+            j = j + 1 if j + 1 < count else 0
+        # an edge is nearer than its vertex by its length at most
+        farthest, edge, share, j = (np.sqrt(square) + longest) ** 2, 0, 0.0, first
+        square = np.inf
+        for k in range(reach):
+            following = j + 1 if j + 1 < count else 0
+            if squares[k] <= farthest:
+                z0, y0 = outline[j]
+                along_z, along_y = outline[following, 0] - z0, outline[following, 1] - y0
+                length = along_z * along_z + along_y * along_y
+                t = min(max(((z - z0) * along_z + (y - y0) * along_y) / max(length, 1e-300), 0.0), 1.0)
+                away_z, away_y = z - z0 - t * along_z, y - y0 - t * along_y
+                found = away_z * away_z + away_y * away_y
+                if found < square:
+                    square, edge, share = found, j, t
+            j = following
+        _normal_at(outline, edge, share, normal[i])
+        foot_z = outline[edge, 0] + share * (outline[(edge + 1) % count, 0] - outline[edge, 0])
+        foot_y = outline[edge, 1] + share * (outline[(edge + 1) % count, 1] - outline[edge, 1])
+        outward = (z - foot_z) * normal[i, 0] + (y - foot_y) * normal[i, 1]
+        distance[i] = np.sqrt(square) if outward >= 0.0 else -np.sqrt(square)
+        place[i] = edge + share
+        best = edge
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _normal_at(outline, edge, share, out):  # type: ignore[no-untyped-def]
+    """Interpolate the outward unit normal along an edge between those of its two vertices."""
+    count = len(outline)
+    before, after, next_after = (edge - 1) % count, (edge + 1) % count, (edge + 2) % count
+    # the normal of a vertex is that of the chord between its neighbours
+    start_z, start_y = outline[after, 1] - outline[before, 1], outline[before, 0] - outline[after, 0]
+    end_z, end_y = outline[next_after, 1] - outline[edge, 1], outline[edge, 0] - outline[next_after, 0]
+    z, y = (1.0 - share) * start_z + share * end_z, (1.0 - share) * start_y + share * end_y
+    size = np.sqrt(z * z + y * y)
+    out[0], out[1] = z / size, y / size
+
+
+# Capsules askew: what of a measured outline no symmetric shape of a model explains, and what it does to the rest.
+#
+# The shapes of a model are symmetric about the flow, and so is what an outline tells of them. The odd part of a
+# measured
+# outline is therefore known apart from them: by half its distance from its own mirror image. Where it is larger than
+# its
+# noise explains, it is a nuisance of the likelihood: displacements of the outline that are smooth along it, as those of
+# a
+# capsule off the axis are in simulations, with amplitudes that are normally distributed about zero. Their size is that
+# of
+# the odd part.
+#
+# What makes a capsule askew changes the even part as well, which is not known apart. An offset along the line of sight
+# tilts the rim, of which a silhouette shows the side that is further back: in simulations the rear is seen further back
+# by about the size of the odd part that is seen at a right angle. An offset across it changes the even part in second
+# order, by a twentieth to a fifth of the odd part, and sharply at the rim: an error along arcs has that size
+
+EVEN, EVEN_LENGTH = 0.2, 0.2
+"""Error of the even part over the size of the odd one, and the length [l] along the outline over which it is alike."""
+
+_WAVES = 4  # along an outline: capsules followed on their way to the axis are odd by less than a twentieth besides
+_CHANCE = 1e-3  # that noise alone has an odd part as large: a larger one is none
+_OF_POSE = 2.0  # odd degrees of freedom that a shift and a turn take away
+_LAID = 3  # times that an outline with a gap is laid onto its mirror image
+_GAP = 3.0  # median distances of points: behind a longer edge, a wall hid the outline
+
+
+def odd_part(points: Floats) -> Floats:
+    """Return the odd part of an outline about its own axis, at its points along their normals.
+
+    Parameters
+    ----------
+    points : (m, 2) array [l]
+        Closed outline of any place and tilt, columns (z, y), counter-clockwise.
+
+    Returns
+    -------
+    (m,) array [l]
+        NaN where the mirror image was not seen.
+    """
+    mirrored = points[::-1] * [1.0, -1.0]
+    near = points - 0.5 * (points.max(axis=0) + points.min(axis=0)) * [0.0, 2.0]
+    edges = edge_lengths(mirrored)
+    hidden = edges > _GAP * np.median(edges)
+    seen = np.ones(len(points), dtype=bool)
+    for _ in range(_LAID if hidden.any() else 1):  # points whose image is hidden would pull it aside
+        _, feet = posed_on(near[seen], mirrored)
+        distance = np.full(len(points), np.nan)
+        distance[seen] = np.where(hidden[feet.place.astype(int) % len(mirrored)], np.nan, feet.distance)
+        seen = np.isfinite(distance)
+    return 0.5 * distance
+
+
+def askew_size(points: Floats, noise: OutlineNoise) -> float:
+    """Return the root mean square [l] of the odd part of an outline (m, 2) without its noise; 0 where that explains it.
+
+    The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
+    after Satterthwaite.
+    """
+    square, of_noise = float(np.nanmean(odd_part(points) ** 2)), 0.5 * noise.scale**2
+    if square <= of_noise:
+        return 0.0
+    covariance = noise.covariance(points)
+    freedom = max(0.5 * np.trace(covariance) ** 2 / np.sum(covariance**2) - _OF_POSE, 1.0)
+    most = float(chdtri(freedom, _CHANCE)) / freedom * of_noise
+    return float(np.sqrt(square - of_noise)) if square > most else 0.0
+
+
+def odd_directions(outline: Floats, place: Floats, normal: Floats) -> Floats:
+    """Return how smooth odd displacements of an outline change the normal distances from it.
+
+    Parameters
+    ----------
+    outline : (p, 2) array [l]
+        Symmetric about the flow, the first vertex at the nose.
+    place : (m,) array
+        Number of the vertex before a point, and the share of the edge from there on.
+    normal : (m, 2) array
+        Outward unit normal there.
+
+    Returns
+    -------
+    (m, 8) array
+        Of displacements along the flow as sin(2 pi k s) and across it as cos(2 pi k s), with the share s of the
+        perimeter from the nose on and k = 1 to 4, each over k; all together have a mean square of about one.
+    """
+    arc = arc_length(outline)
+    phase = 2.0 * np.pi * np.interp(place, np.arange(len(arc)), arc / arc[-1])
+    waves = np.arange(1, _WAVES + 1)
+    size = 1.0 / (waves * np.sqrt(0.5 * np.sum(1.0 / waves**2)))
+    along, across = (size * turn(waves * phase[:, None]) for turn in (np.sin, np.cos))
+    return np.concatenate([normal[:, :1] * along, normal[:, 1:] * across], axis=1)
+
+
+def rear_direction(outline: Floats, place: Floats, normal: Floats) -> Floats:
+    """Return how the normal distances from an outline change if its rear is seen further back between the rims.
+
+    Parameters
+    ----------
+    outline, place, normal
+        As in `odd_directions`.
+
+    Returns
+    -------
+    (m,) array
+        One in the middle of the rear, and less towards its rim, as in half an ellipse.
+    """
+    y = np.interp(place, np.arange(len(outline) + 1), np.append(outline[:, 1], outline[0, 1]))
+    share = np.clip(1.0 - np.square(y / np.abs(outline[:, 1]).max()), 0.0, None)
+    return np.maximum(-normal[:, 0], 0.0) * np.sqrt(share)
+
+
+# Likelihood of a measured outline: normal distances with errors that are correlated along the arc.
+#
+# An edge that is found too far out at one place is found too far out next to it
+# as well: taken as independent, the errors of neighbouring points would make the
+# posterior far too narrow. Where on the picture the capsule is, how it is tilted
+# and by how much all edges are found too far out is no property of its shape, nor is
+# how far it is askew; these nuisances are integrated out, each with a Gaussian prior, as is the
+# model's own error. All of it is one covariance matrix, computed at a pilot shape
+# near the posterior and used for all others.
+#
+# A silhouette hides a concave rear. Where its depth was measured all the same, L_a is
+# one more number next to the normal distances; it ends at the nose of the same
+# picture, whose error it shares
+
+_SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
+
+
+class SilhouetteLength(NamedTuple):
+    """L_a measured together with a silhouette.
+
+    Parameters
+    ----------
+    value, error : float [l]
+        L_a and its standard error.
+    own_error : float [l]
+        That of the model.
+    """
+
+    value: float
+    error: float
+    own_error: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineLikelihood:
+    """Density of a measured outline given predicted ones.
+
+    Parameters
+    ----------
+    points : (m, 2) array [l]
+        The measured outline, closed, consecutive vertices from anywhere, columns (z, y), counter-clockwise as in a
+        `Profile`; any place and tilt.
+    noise : OutlineNoise
+    pilot : (p, 2) array [l]
+        A predicted outline near the posterior.
+    pose : Pose
+    modes : (k, p) array [l], optional
+        Displacements of the pilot's vertices along their normals, each one standard deviation of the model's own error.
+    length : SilhouetteLength, optional
+
+    Examples
+    --------
+    >>> angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    >>> circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    >>> seen = OutlineLikelihood(0.9 * circle + [0.3, 0.1], OutlineNoise(0.01, 0.2), pilot=0.9 * circle)
+    >>> int(np.argmax(seen.log_density(np.linspace(0.85, 0.95, 11)[:, None, None] * circle)))
+    5
+    """
+
+    points: Floats
+    noise: OutlineNoise
+    pilot: Floats
+    pose: Pose = field(default_factory=Pose)
+    modes: Floats | None = None
+    length: SilhouetteLength | None = None
+    _aligned: Floats = field(init=False, repr=False)
+    _feet: Footing = field(init=False, repr=False)
+    _factor: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        aligned, feet = aligned_with(self.points, self.pilot)
+        covariance = self.noise.covariance(self.points)
+        spread = self.pose.directions(aligned, feet.normal)
+        covariance = covariance + spread @ spread.T
+        covariance += self._of_rear_and_askew(feet)
+        if self.modes is not None:
+            own = _at_places(self.modes, feet.place)
+            covariance += own.T @ own
+        covariance[np.diag_indices_from(covariance)] += 1e-8 * self.noise.scale**2
+        if self.length is not None:
+            covariance = self._bordered(covariance, self.length, int(np.argmax(aligned[:, 0])))
+        object.__setattr__(self, "_aligned", aligned)
+        object.__setattr__(self, "_feet", feet)
+        object.__setattr__(self, "_factor", np.asfortranarray(scipy.linalg.cholesky(covariance, lower=True)))
+
+    def _of_rear_and_askew(self, feet: Footing) -> Floats:
+        """Return what a wide edge of the rear and a capsule askew add to the covariance (m, m)."""
+        askew, rear = askew_size(self.points, self.noise), self.pose.rear
+        if askew == rear == 0.0:
+            return np.zeros((len(self.points), len(self.points)))
+        odd = odd_directions(self.pilot, feet.place, feet.normal)
+        back = rear_direction(self.pilot, feet.place, feet.normal)
+        # where in a wide edge the membrane lies is alike all along it by one half, and along arcs by the other
+        alike = OutlineNoise(1.0, self.noise.correlation_length).covariance(self.points)
+        of_rear = askew**2 + 0.5 * rear**2 * (1.0 + alike)
+        even = EVEN**2 * OutlineNoise(1.0, EVEN_LENGTH).covariance(self.points)
+        return np.asarray(askew**2 * (odd @ odd.T + even) + of_rear * np.outer(back, back))
+
+    def _bordered(self, covariance: Floats, length: SilhouetteLength, nose: int) -> Floats:
+        """Return the covariance (m + 1, m + 1) with that of L_a, which shares the error of the nose."""
+        own = OutlineNoise(self.noise.scale, self.noise.correlation_length)
+        shared = (1.0 - self.noise.white) * own.covariance(self.points)[nose] + self.pose.offset**2
+        shared *= min(1.0, _SHARED * length.error / np.sqrt(shared[nose])) if shared[nose] > 0.0 else 1.0
+        variance = length.error**2 + length.own_error**2
+        return np.block([[covariance, shared[:, None]], [shared, np.array(variance)]])
+
+    def whitened(self, outlines: Floats, axial_lengths: Floats | None = None, *, posed: bool = False) -> Floats:
+        """Return the differences from predictions as independent numbers, standard normal under a right model.
+
+        Parameters
+        ----------
+        outlines : (n, p, 2) array [l]
+            Predicted; a row of NaN gives NaN.
+        axial_lengths : (n,) array, optional [l]
+            L_a as predicted, read if L_a was measured too.
+        posed : bool
+            Shift and turn the measured outline onto each prediction: for those far from the pilot.
+
+        Returns
+        -------
+        (n, m) array, or (n, m + 1) with L_a
+        """
+        distances = normal_distances(self._aligned, outlines, posed=posed)
+        known = np.isfinite(distances[:, 0])
+        if self.length is not None:
+            assert axial_lengths is not None, "L_a was measured"
+            distances = np.column_stack([distances, self.length.value - axial_lengths])
+        white = np.full_like(distances, np.nan)
+        white[known] = self._independent(distances[known])
+        return white
+
+    def _independent(self, numbers: Floats) -> Floats:
+        """Return rows (n, m) of numbers with the covariance as independent ones of variance one."""
+        found, _ = dtrtrs(self._factor, numbers.T, lower=True)  # without the checks around it, which take longer
+        return np.asarray(found.T)
+
+    def whitened_displacement(self, displacement: Floats) -> Floats:
+        """Return the change of `whitened` if the measured outline lies farther out.
+
+        Parameters
+        ----------
+        displacement : (k, p) array [l]
+            Along the normals of the pilot's vertices.
+
+        Returns
+        -------
+        (k, m) array, or (k, m + 1) with L_a, which ends at the displaced nose
+        """
+        at_points = _at_places(displacement, self._feet.place)
+        if self.length is not None:
+            at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
+        return self._independent(at_points)
+
+    def whitened_prediction(self, displacements: Floats) -> Floats:
+        """Return what `whitened` loses if the vertices of the pilot are displaced by vectors (k, p, 2) [l].
+
+        Returns
+        -------
+        (k, m) array, or (k, m + 1) with L_a, which is predicted apart
+        """
+        along = np.einsum("kpi,pi->kp", displacements, vertex_normals(self.pilot))
+        at_points = _at_places(along, self._feet.place)
+        if self.length is not None:
+            at_points = np.column_stack([at_points, np.zeros(len(at_points))])
+        return self._independent(at_points)
+
+    def whitened_shared(self, outline: MeasuredOutline) -> Floats:
+        """Return the changes of `whitened` by the errors that one microscope gives the outlines of all capsules.
+
+        Parameters
+        ----------
+        outline : MeasuredOutline
+            As it was measured, with the errors of one capsule; see `MeasuredOutline.shared`.
+
+        Returns
+        -------
+        (k, m) array, or (k, m + 1) with L_a
+        """
+        feet = self._feet
+        each = outline.shared(self._aligned, feet.normal)
+        back = outline.pose.rear * rear_direction(self.pilot, feet.place, feet.normal)
+        each = np.concatenate([each, back[None]])
+        if self.length is not None:
+            each = np.column_stack([each, each[:, np.argmax(self._aligned[:, 0])]])
+        return self._independent(each)
+
+    def whitened_length(self) -> Floats:
+        """Return what `whitened` loses if L_a is predicted one half width longer : (m + 1,) array."""
+        assert self.length is not None, "L_a was measured"
+        return self._independent(np.eye(len(self._factor))[-1:])[0]
+
+    def log_density(self, outlines: Floats, axial_lengths: Floats | None = None) -> Floats:
+        """Return the log density given n outlines (n, p, 2), and L_a (n,) : (n,) array, NaN for a row of NaN."""
+        square = np.sum(self.whitened(outlines, axial_lengths) ** 2, axis=1)
+        constant = np.sum(np.log(np.diag(self._factor))) + 0.5 * len(self._factor) * np.log(2.0 * np.pi)
+        return np.asarray(-0.5 * square - constant)
+
+    def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
+        """Return the log density given the predictions of a model at n points : (n,) array, NaN outside its domain."""
+        predicted = model(theta, outline=True)
+        assert predicted.outline is not None, "asked for"
+        return self.log_density(predicted.outline, predicted.axial_length)
+
+
+def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "measurement") -> None:
+    """Refuse a model that predicts outlines of another view than the measured one.
+
+    Raises
+    ------
+    InputError
+    """
+    if model.view != measured.view:
+        expected = f'"{model.view}", that of the outlines of {model.name}'
+        advice = f'open the model with view="{measured.view}"'
+        raise InputError(where, "outline.view", expected, f'"{measured.view}"', advice)
+
+
+def outline_likelihood(
+    model: ForwardModel,
+    measured: MeasuredOutline,
+    theta: Mapping[str, float],
+    error_scale: float = 1.0,
+    *,
+    length: tuple[float, float] | None = None,
+    others: Sequence[Mapping[str, float]] = (),
+) -> OutlineLikelihood:
+    """Return the likelihood of a measured outline with the shape of a model as its pilot.
+
+    Parameters
+    ----------
+    model : ForwardModel
+    measured : MeasuredOutline
+    theta : mapping of str to float
+        Where the pilot is, within the model's domain.
+    error_scale : float
+        Factor on the model's own error.
+    length : tuple of two float, optional [l]
+        L_a and its standard error, where they count in addition to the outline.
+    others : sequence of mappings
+        Further places, over which and the pilot the covariance of the model's own error is averaged.
+
+    Raises
+    ------
+    InputError
+        If the model predicts outlines of another view.
+    """
+    check_view_of(model, measured)
+    there = model({name: np.array([value]) for name, value in theta.items()}, outline=True)
+    assert there.outline is not None, "asked for"
+    pilot, own = there.outline[0], [model.outline_modes(**place) for place in (theta, *others)]
+    stated = [each for each in own if each is not None]
+    modes = error_scale / np.sqrt(len(own)) * np.concatenate(stated) if stated else None
+    with_length = None
+    if length is not None:
+        with_length = SilhouetteLength(*length, error_scale * float(np.sqrt(there.covariance[0, 1, 1])))
+    return OutlineLikelihood(measured.points, measured.noise, pilot, measured.pose, modes, with_length)
+
+
+def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
+    """Shift and turn measured points onto an outline by least squares.
+
+    Parameters
+    ----------
+    points : (m, 2) array
+    outline : (p, 2) array
+
+    Returns
+    -------
+    (m, 2) array, Footing
+        The points moved, and their nearest places on the outline.
+    """
+    return posed_on(points - _middle(points) + _middle(outline), outline)
+
+
+def _middle(points: Floats) -> Floats:
+    return 0.5 * (points.max(axis=0) + points.min(axis=0))
+
+
+def _at_places(modes: Floats, place: Floats) -> Floats:
+    """Interpolate values (k, p) at the vertices to places between them : (k, m) array."""
+    count = modes.shape[1]
+    before = np.floor(place).astype(int) % count
+    share = place - np.floor(place)
+    return np.asarray((1.0 - share) * modes[:, before] + share * modes[:, (before + 1) % count])
+
+
+# Likelihood of an outline interpolated on a grid around its posterior, for the sampling engine
+
+_AROUND = 2  # nodes that must be known on every side of a point
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedOutline:
+    """Log density of a measured outline by bicubic interpolation away from the border of the domain, exact elsewhere.
+
+    Parameters
+    ----------
+    exact : OutlineLikelihood
+    log_ca, size : (i,), (j,) arrays
+        Nodes, evenly spaced.
+    values : (i, j) array
+        Log density there, NaN outside the model's domain.
+    """
+
+    exact: OutlineLikelihood
+    log_ca: Floats
+    size: Floats
+    values: Floats
+    _spline: RectBivariateSpline = field(init=False, repr=False)
+    _sure: Booleans = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        known = np.isfinite(self.values)
+        filled = np.where(known, self.values, np.min(self.values, where=known, initial=0.0))
+        around = np.ones((2 * _AROUND + 1, 2 * _AROUND + 1), dtype=bool)
+        object.__setattr__(self, "_spline", RectBivariateSpline(self.log_ca, self.size, filled))
+        object.__setattr__(self, "_sure", np.pad(binary_erosion(known, around), 1))
+
+    def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
+        """Return the log density at n points : (n,) array, NaN outside the domain of the model."""
+        log_ca, size = np.log(theta["capillary_number"]), np.asarray(theta["size_ratio"])
+        within = self._sure[_nearest_nodes(log_ca, self.log_ca), _nearest_nodes(size, self.size)]
+        if within.all():
+            return np.asarray(self._spline.ev(log_ca, size))
+        density = np.empty(len(log_ca))
+        density[within] = self._spline.ev(log_ca[within], size[within])
+        density[~within] = self.exact.at(model, {name: np.asarray(values)[~within] for name, values in theta.items()})
+        return density
+
+    def error(self, model: ForwardModel, theta: Mapping[str, Floats]) -> float:
+        """Return the largest difference from the exact log density at n points."""
+        return float(np.nanmax(np.abs(self.at(model, theta) - self.exact.at(model, theta))))
+
+
+def _nearest_nodes(places: Floats, nodes: Floats) -> Integers:
+    """Return the number of the nearest of evenly spaced nodes, from 1; 0 or one too many beyond them."""
+    steps = np.rint((places - (nodes[0] - (nodes[1] - nodes[0]))) / (nodes[1] - nodes[0]))
+    return np.minimum(np.maximum(steps, 0.0), len(nodes) + 1.0).astype(np.int64)
+
+
+AnyOutline = OutlineLikelihood | TabulatedOutline
+
+
+# Outlines of a posterior: their band, and whether any fits the measured one within its stated errors
+
+_MOST_ASKEW = 0.02  # of l: root mean square of the odd part up to which capsules off the axis were tried
+_LARGEST = 4.0  # per degree of freedom: errors twice as large as stated
+_TRIED = 50  # draws
+_FITTED = 5  # Ca and a/l; place and tilt
+
+
+def drawn_outlines(
+    model: ForwardModel, draws: Mapping[str, Floats], count: int
+) -> tuple[dict[str, Floats], Floats | None]:
+    """Return the parameters of evenly spaced draws and their outlines (count, p, 2) [l], if the model has them."""
+    names = [name for name in ("capillary_number", "size_ratio", *COORDINATES) if name in draws]
+    some = np.linspace(0, draws[names[0]].size - 1, count).astype(int)
+    theta = {name: np.ravel(draws[name])[some] for name in names}
+    return theta, model(theta, outline=True).outline
+
+
+def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> Gate:
+    """Return the squared misfit of the best of some draws per degree of freedom: one if the errors are as stated.
+
+    Parameters
+    ----------
+    measured : MeasuredOutline
+    model : ForwardModel
+        That predicts outlines of its view.
+    draws : mapping of arrays
+        Of a posterior, by name.
+
+    Returns
+    -------
+    Gate
+    """
+    theta, outlines = drawn_outlines(model, draws, _TRIED)
+    assert outlines is not None, "asked for"
+    off = [np.sum(aligned_with(measured.points, outline)[1].distance ** 2) for outline in outlines]
+    best = int(np.nanargmin(off))
+    likelihood = outline_likelihood(model, measured, {name: float(values[best]) for name, values in theta.items()})
+    square = float(np.sum(likelihood.whitened(outlines[best : best + 1]) ** 2))
+    freedom = max(len(measured.points) - _FITTED, 1)
+    return Gate("squared misfit of the outline over its freedom", square / freedom, most=_LARGEST)
+
+
+def lopsided(measured: MeasuredOutline) -> Gate | None:
+    """Return the size of the odd part of an outline, which the model does not have; None where noise explains it."""
+    size = askew_size(measured.points, measured.noise)
+    return Gate("odd part of the outline over l", size, most=_MOST_ASKEW) if size > 0.0 else None
+
+
+def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the mean outline and the 2.5 % and 97.5 % quantiles of the distance from it along its normal.
+
+    Parameters
+    ----------
+    outlines : (d, p, 2) array
+        Corresponding points, columns (z, y), counter-clockwise.
+
+    Returns
+    -------
+    middle, inner, outer : (p, 2) arrays
+    """
+    middle = outlines.mean(axis=0)
+    normal = vertex_normals(middle)
+    distance = np.einsum("dpk,pk->dp", outlines - middle, normal)
+    low, high = np.quantile(distance, [0.025, 0.975], axis=0)
+    return middle, middle + low[:, None] * normal, middle + high[:, None] * normal

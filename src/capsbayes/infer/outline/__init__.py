@@ -1,1 +1,0 @@
-"""Measured outlines: their normal distances from predicted ones, and their likelihood."""

@@ -1,1 +1,0 @@
-"""The sampling engine: ensembles of walkers, extended until they have converged."""

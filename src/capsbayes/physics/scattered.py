@@ -1,0 +1,506 @@
+"""States scattered over flow and membrane: how they are computed and kept."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from scipy.stats import qmc
+from threadpoolctl import threadpool_limits
+
+from capsbayes import __version__
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.files.output_file import check_replaceable, guarded
+from capsbayes.interruption import keeping
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.physics import load as outlines
+from capsbayes.physics.build import OUTLINE_POINTS
+from capsbayes.physics.continuation import SLACK_LIMIT
+from capsbayes.physics.load import changed, parameters_of
+from capsbayes.physics.membrane import GeneralLaw
+from capsbayes.physics.simulator import Simulator, SteadyState
+from capsbayes.physics.steady import Iterate, Problem, parameter_derivatives, steady_state
+from capsbayes.physics.surface import prolonged
+from capsbayes.run import Store, digest_of, only_run, progress_bar, run_tasks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+# Steady states scattered over several parameters, each with its derivatives along all of them.
+#
+# A state and its derivatives predict its neighbours, so that Newton's method reaches one from the nearest in few steps.
+# The places form a tree in which each is near its parent: first a few that are far apart, then the others, each in the
+# group of the nearest of these. Where a branch seems to end on the way, a place is tried again from the nearest of all
+# states that were found. The groups are independent, and the tree depends on the places alone: results do not depend on
+# interruptions or on the number of workers
+
+_OF_THE_CASE = ("capillary_number", "size_ratio")
+_GROUPS = 32
+_SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
+_FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
+_ITERATIONS, _PATIENCE = 8, 4
+_OMITTED = 1e-4  # [l] rms of the coordinates, in modes that are left out
+_STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
+
+NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+"""Numbers of a state: L_z and L_a [l], v_o/U and Lambda [-]."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter, of the case, the simulator or its law, and its range."""
+
+    name: str
+    low: float
+    high: float
+    offset: float | None = None  # linear in the logarithm of value and this together; None: in the value
+
+    def value(self, unit: float) -> float:
+        """Return the value at a coordinate from 0 to 1."""
+        if unit == 1.0:  # not beyond the end by a rounding error
+            return self.high
+        if self.offset is None:
+            return self.low + (self.high - self.low) * unit
+        return float((self.low + self.offset) * np.exp(unit * self._ratio)) - self.offset
+
+    def unit(self, value: float) -> float:
+        """Return the coordinate of a value."""
+        if self.offset is None:
+            return (value - self.low) / (self.high - self.low)
+        return float(np.log((value + self.offset) / (self.low + self.offset))) / self._ratio
+
+    def slope(self, unit: float) -> float:
+        """Return the derivative of the value along the coordinate."""
+        return self.high - self.low if self.offset is None else (self.value(unit) + self.offset) * self._ratio
+
+    @property
+    def _ratio(self) -> float:
+        assert self.offset is not None
+        return float(np.log((self.high + self.offset) / (self.low + self.offset)))
+
+
+def sobol_places(count: int, dimensions: int) -> Floats:
+    """Return the first points of Sobol's sequence that is not scrambled : (count, dimensions) array from 0 to 1."""
+    return np.asarray(qmc.Sobol(dimensions, scramble=False).random_base2(int(np.ceil(np.log2(count))))[:count])
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteredState:
+    """A steady state at a place."""
+
+    place: Floats  # (p,): coordinates from 0 to 1 along the axes
+    unknowns: Floats  # (F + 2,): free coordinates of the mesh [l], velocity [U] and slack [U]
+    derivatives: Floats  # (F + 2, p): of the unknowns along the coordinates
+
+    @property
+    def slack(self) -> float:
+        """Uniform normal velocity left over [U], an indicator of the mesh's error."""
+        return float(self.unknowns[-1])
+
+    def moved(self, change: Floats) -> ScatteredState:
+        """Return what it predicts at another place, a change (p,) away."""
+        return replace(self, place=self.place + change, unknowns=self.unknowns + self.derivatives @ change)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """Continuation of the steady states of one simulator along axes, capillary number and size ratio among them."""
+
+    simulator: Simulator
+    axes: tuple[Axis, ...]
+
+    def __post_init__(self) -> None:
+        for name in _OF_THE_CASE:
+            if name not in self.names:
+                raise InputError("Continuation", "axes", f"{name} among the axes", ", ".join(self.names) or "none")
+        known = (*_OF_THE_CASE, *parameters_of(self.simulator.problem))
+        for name in self.names:
+            if name not in known:
+                raise InputError("Continuation", "axes", f"some of {', '.join(known)}", repr(name))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(axis.name for axis in self.axes)
+
+    def values(self, places: Floats) -> Floats:
+        """Return the values (n, p) of the parameters at places (n, p)."""
+        columns = zip(self.axes, places.T.tolist(), strict=True)
+        return np.array([[axis.value(unit) for unit in column] for axis, column in columns]).T
+
+    def places(self, values: Floats) -> Floats:
+        """Return the places (n, p) of values (n, p) of the parameters."""
+        columns = zip(self.axes, values.T.tolist(), strict=True)
+        return np.array([[axis.unit(value) for value in column] for axis, column in columns]).T
+
+    def seen(self, state: ScatteredState) -> dict[str, Floats]:
+        """Return the `NUMBERS` of a state and its outlines : (4,) and (512,) arrays by name."""
+        mesh = self.simulator.problem.mesh
+        nodes = mesh.expanded(state.unknowns[:-2])
+        profile, silhouette = outlines.profile(mesh, nodes), outlines.silhouette(mesh, nodes)
+        stretch = profile.stretch_ratio(self._values(state.place)["size_ratio"])
+        return {
+            "numbers": np.array([profile.axial_extent, profile.axial_length, state.unknowns[-2], stretch]),
+            "profile": profile.resampled(OUTLINE_POINTS).points.ravel(),
+            "silhouette": silhouette.resampled(OUTLINE_POINTS).points.ravel(),
+        }
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """What decides the states, in types that JSON has."""
+        return {**self.simulator.settings, "axes": [asdict(axis) for axis in self.axes]}
+
+    def taken(self, state: SteadyState) -> ScatteredState:
+        """Return a steady state of the simulator as a start."""
+        problem = self.simulator.problem
+        known = parameters_of(problem)
+        values = [getattr(state, name) if name in _OF_THE_CASE else known[name] for name in self.names]
+        place = np.array([axis.unit(value) for axis, value in zip(self.axes, values, strict=True)])
+        unknowns = np.append(state.mesh.reduced(state.nodes), [state.velocity_ratio, state.slack])
+        return self.with_derivatives(place, unknowns)
+
+    def reached(self, start: ScatteredState, place: Floats, *, derivatives: bool = True) -> ScatteredState | None:
+        """Return the state at a place, on the branch of another state; None if that ends on the way."""
+        state, share, step = start, 0.0, 1.0
+        while share < 1.0:
+            step = min(step, 1.0 - share)
+            last = share + step >= 1.0
+            ahead = self._solved(state, start.place + (share + step) * (place - start.place), derivatives or not last)
+            if ahead is not None:
+                state, share, step = ahead, share + step, 2.0 * step
+            elif step < 2.0 * _SHORTEST:
+                return None
+            else:
+                step *= 0.5
+        return state
+
+    def _solved(self, near: ScatteredState, place: Floats, derivatives: bool) -> ScatteredState | None:
+        guess = near.moved(place - near.place).unknowns
+        problem, iterate = self._problem(place), self._iterate(place, guess)
+        found = steady_state(problem, iterate, max_iterations=_ITERATIONS, patience=_PATIENCE)
+        unknowns = np.append(found.iterate.free, [found.iterate.velocity, found.iterate.slack])
+        if not found.converged or np.max(np.abs(unknowns - guess)) > _FARTHEST:
+            return None
+        if not derivatives:
+            return ScatteredState(place, unknowns, np.full_like(near.derivatives, np.nan))
+        return self.with_derivatives(place, unknowns)
+
+    def with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
+        """Return a state that is known at a place, with its derivatives."""
+        along = parameter_derivatives(self._problem(place), self._iterate(place, unknowns), self.names)
+        slopes = [axis.slope(unit) for axis, unit in zip(self.axes, place.tolist(), strict=True)]
+        return ScatteredState(place, unknowns, along * slopes)
+
+    def _values(self, place: Floats) -> dict[str, float]:
+        return {axis.name: axis.value(unit) for axis, unit in zip(self.axes, place.tolist(), strict=True)}
+
+    def _problem(self, place: Floats) -> Problem:
+        problem = self.simulator.problem
+        for name, value in self._values(place).items():
+            if name not in _OF_THE_CASE:
+                problem = changed(problem, name, value)
+        return problem
+
+    def _iterate(self, place: Floats, unknowns: Floats) -> Iterate:
+        values = self._values(place)
+        return Iterate(unknowns[:-2], *map(float, unknowns[-2:]), *(values[name] for name in _OF_THE_CASE))
+
+
+def scattered_states(
+    continuation: Continuation,
+    start: ScatteredState,
+    places: Floats,
+    *,
+    folder: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> list[ScatteredState | None]:
+    """Compute the states at places (n, p) on the branch of a first one, None where it ends; keep them in a folder."""
+    store = Store.open(folder, continuation.settings)
+    first = min(_GROUPS, len(places))
+    with only_run(Path(folder)), keeping(Path(folder)):
+        count = partial(_ended, store, places)
+        with progress_bar(len(places), "states", show=progress, count=count):
+            seeds = [state for state in _grown(continuation, store, start, places[:first]) if state is not None]
+            seeds = seeds or [start]
+            nearest = np.argmin(cdist(places[first:], np.array([seed.place for seed in seeds])), axis=1)
+            groups = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
+            tasks = [partial(_grown, continuation, store, seed, group) for seed, group in groups if len(group)]
+            run_tasks(tasks, scheduler, workers)
+            found = [_stored(store, _name(place)) for place in places]
+            known = [state for state in found if state is not None] or [start]
+            lost = [number for number, state in enumerate(found) if state is None]
+            nearest = np.argmin(cdist(places[lost], np.array([state.place for state in known])), axis=1)
+            pairs = zip(nearest, places[lost], strict=True)
+            again = [partial(_tried_again, continuation, store, known[near], place) for near, place in pairs]
+            for number, state in zip(lost, run_tasks(again, scheduler, workers), strict=True):
+                found[number] = state
+    return found
+
+
+def _grown(
+    continuation: Continuation, store: Store, root: ScatteredState, places: Floats
+) -> list[ScatteredState | None]:
+    """Compute the states at some places, each from the nearest one before it."""
+    states: list[ScatteredState] = [root]
+    found: list[ScatteredState | None] = [None] * len(places)
+    with threadpool_limits(limits=1):
+        for number in from_near_to_far(root.place, places):
+            place, name = places[number], _name(places[number])
+            if not store.holds(name):
+                near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
+                _save(store, name, continuation.reached(near, place))
+            state = found[number] = _stored(store, name)
+            if state is not None:
+                states.append(state)
+    return found
+
+
+def _tried_again(
+    continuation: Continuation, store: Store, near: ScatteredState, place: Floats
+) -> ScatteredState | None:
+    name = f"again-{digest_of(place, near.place)[:24]}"
+    if not store.holds(name):
+        with threadpool_limits(limits=1):
+            _save(store, name, continuation.reached(near, place))
+    return _stored(store, name)
+
+
+def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
+    """Yield the numbers of the places, always that which is nearest to those before it (Prim's algorithm)."""
+    distance = np.linalg.norm(places - root, axis=1)
+    left = np.ones(len(places), dtype=bool)
+    for _ in range(len(places)):
+        number = int(np.argmin(np.where(left, distance, np.inf)))
+        yield number
+        left[number] = False
+        distance = np.minimum(distance, np.linalg.norm(places - places[number], axis=1))
+
+
+def _name(place: Floats) -> str:
+    return f"state-{digest_of(place)[:24]}"
+
+
+def _save(store: Store, name: str, state: ScatteredState | None) -> None:
+    values = {} if state is None else {item.name: getattr(state, item.name) for item in fields(state)}
+    store.save(name, {"reached": state is not None, **values})
+
+
+def _stored(store: Store, name: str) -> ScatteredState | None:
+    values = store.load(name)
+    return ScatteredState(**values) if values is not None and values.pop("reached") else None
+
+
+def _ended(store: Store, places: Floats) -> tuple[int, str]:
+    there = set(store.names())
+    return sum(_name(place) in there for place in places), "states"
+
+
+def scattered_dataset(
+    continuation: Continuation, places: Floats, states: Sequence[ScatteredState | None]
+) -> xr.Dataset:
+    """Return what capsules look like in the states at places (n, p): a dataset a hundred times smaller than these."""
+    # ``values`` (n, p) of the parameters; ``numbers`` (n, 4), see `NUMBERS`; for either view the outlines in few modes,
+    # ``profile`` (n, m), ``profile_mean`` (q, 2) and ``profile_modes`` (m, q, 2) [l]; ``*_along`` (n, m, p),
+    # derivatives along the parameters; the free coordinates likewise, as starts of other states; the values ``lost``
+    # (k, p).
+    import xarray as xr
+
+    some = [state for state in states if state is not None]
+    lost = places[[state is None for state in states]]
+    slopes = np.array([[axis.slope(unit) for axis, unit in zip(continuation.axes, s.place, strict=True)] for s in some])
+    seen = [_seen(continuation, state) for state in some]
+    variables: dict[str, tuple[tuple[str, ...], Floats]] = {
+        "values": (("state", "parameter"), continuation.values(np.array([state.place for state in some]))),
+        "lost": (("lost_state", "parameter"), continuation.values(lost)),
+        "slack": (("state",), np.array([state.slack for state in some])),
+        "numbers": (("state", "number"), np.array([one["numbers"][0] for one in seen])),
+        "numbers_along": (
+            ("state", "number", "parameter"),
+            np.array([one["numbers"][1] for one in seen]) / slopes[:, None],
+        ),
+    }
+    for view in ("profile", "silhouette"):
+        modes = in_modes(np.array([one[view][0] for one in seen]))
+        along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
+        variables |= {
+            f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
+            f"{view}_modes": ((f"{view}_mode", "point", "plane"), modes.modes.reshape(len(modes.modes), -1, 2)),
+            view: (("state", f"{view}_mode"), modes.coefficients),
+            f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
+        }
+    shapes = in_modes(np.array([state.unknowns[:-2] for state in some]))
+    variables |= {
+        "mesh_mean": (("coordinate",), shapes.mean),
+        "mesh_modes": (("mesh_mode", "coordinate"), shapes.modes),
+        "mesh": (("state", "mesh_mode"), shapes.coefficients),
+    }
+    names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
+    return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
+
+
+class Modes(NamedTuple):
+    """Vectors as their mean (d,) and coefficients (n, m) of orthonormal modes (m, d)."""
+
+    mean: Floats
+    modes: Floats
+    coefficients: Floats
+
+
+def in_modes(vectors: Floats, omitted: float = _OMITTED) -> Modes:
+    """Return vectors (n, d) [l] in the fewest modes that leave out no more than an rms."""
+    mean = vectors.mean(axis=0)
+    _, sizes, rows = np.linalg.svd(vectors - mean, full_matrices=False)
+    left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
+    modes = rows[: int(np.count_nonzero(left > omitted))]
+    return Modes(mean, modes, (vectors - mean) @ modes.T)
+
+
+def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[Floats, Floats]]:
+    """Return numbers and outlines of a state, and their derivatives along the coordinates from 0 to 1."""
+    here = continuation.seen(state)
+    along: dict[str, list[Floats]] = {name: [] for name in here}
+    for step in _STEP * np.eye(len(state.place)):
+        ahead, behind = continuation.seen(state.moved(step)), continuation.seen(state.moved(-step))
+        for name, values in along.items():
+            values.append((ahead[name] - behind[name]) / (2.0 * _STEP))
+    return {name: (values, np.stack(along[name], axis=-1)) for name, values in here.items()}
+
+
+# Recipe of the states over flow and membrane that come with the library.
+#
+# The places follow Sobol's sequence, stretched along Ca to where states are sought at each size, inflation and
+# hardening.
+# In six dimensions most of a box is near its border, where a polynomial through the states of one side is off by far
+# more
+# than inside; and the known laws are on it. So some of the places are moved to the border
+
+
+class Recipe(NamedTuple):
+    """A cross-section, and how many places are sought within the range and on its border."""
+
+    cross_section: str
+    states: int
+    border_states: int
+
+
+MEMBRANES = {
+    "membrane-square": Recipe("square", 2048, 1024),
+    "membrane-circular": Recipe("circular", 1024, 512),
+}
+"""Recipes of the shipped databases over the membrane, by their names."""
+
+_OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
+_NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
+_FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
+
+
+def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuation:
+    """Return the continuation over `FREE_PARAMETERS` in a channel."""
+    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
+    axes = (Axis(name, *ends, offset) for name, ends, offset in zip(FREE_PARAMETERS, ranges, _OFFSETS, strict=True))
+    simulator = Simulator(
+        GeneralLaw(3.0, 0.3),
+        cross_section=cross_section,
+        refinement=refinement,
+        pre_inflation=0.02,
+        bending=1e-4,
+        bending_energy="curvature",
+    )
+    return Continuation(simulator, tuple(axes))
+
+
+def membrane_start(continuation: Continuation) -> ScatteredState:
+    """Return the state from which the others are reached: a parachute, sought from rest."""
+    return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
+
+
+def spread_points(states: int, border_states: int) -> Floats:
+    """Return points (n, 6) from 0 to 1: first some spread evenly, then some that follow them, moved to the border."""
+    # Of the latter, coordinates of the membrane and of the size that are near to an end are moved there: on the average
+    # two of a point, so that all faces and many edges and corners have states.
+    points = sobol_places(states + border_states, len(FREE_PARAMETERS))
+    of_membrane = points[states:, 1:]
+    of_membrane[of_membrane < _NEAR] = 0.0
+    of_membrane[of_membrane > 1.0 - _NEAR] = 1.0
+    return points
+
+
+def membrane_places(continuation: Continuation, points: Floats) -> Floats:
+    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
+    places = points.copy()
+    _, size, inflation, _, hardening, _ = continuation.values(places).T
+    cross_section = str(continuation.settings["cross_section"])
+    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
+    along = continuation.axes[0]
+    places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
+    return places
+
+
+@guarded()
+def build_membranes(
+    name: str,
+    *,
+    out: str | os.PathLike[str],
+    states: int | None = None,
+    border_states: int | None = None,
+    refinement: int = 8,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> MembraneDatabase:
+    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``."""
+    # States that the mesh does not resolve count as lost.
+    if name not in MEMBRANES:
+        raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
+    check_replaceable(Path(out))
+    recipe = MEMBRANES[name]
+    within = recipe.states if states is None else states
+    on_border = recipe.border_states if border_states is None else border_states
+    continuation = membrane_continuation(recipe.cross_section, refinement)
+    places = membrane_places(continuation, spread_points(within, on_border))
+    found = scattered_states(
+        continuation,
+        membrane_start(continuation),
+        places,
+        folder=f"{os.fspath(out)}.parts",
+        scheduler=scheduler,
+        workers=workers,
+        progress=progress,
+    )
+    resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
+    database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
+    database.write(out)
+    return database
+
+
+def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
+    """Return the state of a database next to a place (6,), see `state_of`."""
+    units = continuation.places(database["values"])
+    return state_of(database, continuation, int(np.argmin(np.linalg.norm(units - place, axis=1))))
+
+
+def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
+    """Return a state of a database by its number, on the mesh of a continuation."""
+    # It is as exact as the modes are in which it is stored, which suffices to begin from.
+    shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
+    if continuation.settings["refinement"] != database.settings["refinement"]:
+        coarse = _continuation_of(database).simulator.problem.mesh
+        shape = prolonged(shape, coarse, continuation.simulator.problem.mesh)
+    unknowns = np.append(shape, [database["numbers"][number, 2], database["slack"][number]])
+    place = continuation.places(database["values"][number, None])[0]
+    return continuation.with_derivatives(place, unknowns)
+
+
+def _continuation_of(database: MembraneDatabase) -> Continuation:
+    return membrane_continuation(database.cross_section, int(database.settings["refinement"]))
