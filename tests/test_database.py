@@ -215,7 +215,7 @@ def test_open_finds_a_shipped_file(file, tmp_path, monkeypatch):
     import capsbayes.database as module
 
     shutil.copy(file, tmp_path / "square-test.nc")
-    monkeypatch.setattr(module, "shipped_folders", lambda: (tmp_path / "none", tmp_path))
+    monkeypatch.setattr(module, "shipped_folders", lambda kind: (tmp_path / "none", tmp_path))
     assert len(Database.open("square-test")) == CASES
 
 

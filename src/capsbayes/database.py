@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import h5netcdf
 import numpy as np
@@ -124,7 +124,84 @@ _COORDINATES: dict[str, tuple[str, ...]] = {"axis": ("x", "y", "z"), "plane": ("
 
 
 @dataclass(frozen=True, eq=False)
-class Database:
+class StoredStates:
+    """Steady shapes in one NetCDF file, that of the user or one that comes with the library.
+
+    ``database[name]`` is a variable as a numpy array.
+    """
+
+    dataset: xr.Dataset
+
+    FOLDER: ClassVar[str]  # of the files that come with the library
+    KIND: ClassVar[str]  # what messages call such a file
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read and check a file.
+
+        Raises
+        ------
+        DatabaseError
+            If the file is missing, cut short, lacks a variable or was changed.
+        """
+        dataset = read_dataset(path)
+        present = cls._under_present_names(dataset)
+        cls._check(present, str(path))
+        check_content(dataset, path)
+        return cls(present)
+
+    @classmethod
+    def open(cls, source: str | os.PathLike[str]) -> Self:
+        """Read a database that comes with the library, or a file.
+
+        Parameters
+        ----------
+        source : str or path
+            Name, as ``"square-neo-hookean"``, or path of a file with its ending .nc.
+
+        Raises
+        ------
+        DatabaseError
+            If no database of that name comes with the library, or the file cannot be read.
+        """
+        name = str(source)
+        if name.endswith(".nc") or isinstance(source, os.PathLike):
+            return cls.read(source)
+        for folder in shipped_folders(cls.FOLDER):
+            if (folder / f"{name}.nc").is_file():
+                return cls.read(folder / f"{name}.nc")
+        known = ", ".join(cls.shipped()) or "none"
+        raise DatabaseError(f"no {cls.KIND} {name!r} comes with the library; it has {known}")
+
+    @classmethod
+    def shipped(cls) -> list[str]:
+        """Return the names of the databases that come with the library."""
+        return sorted({path.stem for folder in shipped_folders(cls.FOLDER) for path in folder.glob("*.nc")})
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the content, as kept in the file."""
+        return str(self.dataset.attrs["sha256"])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the simulator that made it."""
+        return dict(json.loads(self.dataset.attrs["settings"]))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return np.asarray(self.dataset[name].values)
+
+    @staticmethod
+    def _under_present_names(dataset: xr.Dataset) -> xr.Dataset:
+        return dataset
+
+    @staticmethod
+    def _check(dataset: xr.Dataset, where: str) -> None:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Database(StoredStates):
     """Steady shapes over a set of cases (capillary number, size ratio).
 
     ``database[name]`` is a variable as a numpy array; the names are those of
@@ -137,7 +214,7 @@ class Database:
         from arrays; `read` and `open` read a file.
     """
 
-    dataset: xr.Dataset
+    FOLDER, KIND = "databases", "database"
 
     @classmethod
     def assemble(cls, variables: Mapping[str, ArrayLike], attributes: Mapping[str, str | int | float]) -> Database:
@@ -169,65 +246,8 @@ class Database:
                 described = {"long_name": long_name, "symbol": symbol, "units": units}
                 dataset[name] = (dims, array.astype(kind if kind == "U" else f"{kind}8"), described)
         dataset.attrs["sha256"] = content_hash(dataset)
-        _check(dataset, "database")
+        cls._check(dataset, "database")
         return cls(dataset)
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Database:
-        """Read and check a file.
-
-        Parameters
-        ----------
-        path : path
-            NetCDF file written by `write`.
-
-        Returns
-        -------
-        Database
-            Held in memory; the file is closed.
-
-        Raises
-        ------
-        DatabaseError
-            If the file is missing, cut short, lacks a variable or was changed.
-        """
-        dataset = read_dataset(path)
-        present = dataset.copy()
-        present.attrs = _renamed(dataset.attrs)
-        _check(present, str(path))
-        check_content(dataset, path)
-        return cls(present)
-
-    @classmethod
-    def open(cls, source: str | os.PathLike[str]) -> Database:
-        """Read a database that comes with the library, or a file.
-
-        Parameters
-        ----------
-        source : str or path
-            Name, as ``"square-neo-hookean"``, or path of a file with its ending .nc.
-
-        Returns
-        -------
-        Database
-
-        Raises
-        ------
-        DatabaseError
-            If no database of that name comes with the library, or the file cannot be read.
-        """
-        name = str(source)
-        if name.endswith(".nc") or isinstance(source, os.PathLike):
-            return cls.read(source)
-        for folder in shipped_folders():
-            if (folder / f"{name}.nc").is_file():
-                return cls.read(folder / f"{name}.nc")
-        raise DatabaseError(f"no database {name!r} comes with the library; it has {', '.join(cls.shipped()) or 'none'}")
-
-    @staticmethod
-    def shipped() -> list[str]:
-        """Return the names of the databases that come with the library."""
-        return sorted({path.stem for folder in shipped_folders() for path in folder.glob("*.nc")})
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a NetCDF file, completely or not at all.
@@ -246,21 +266,8 @@ class Database:
                     encoding[name]["dtype"] = "f4"
         write_dataset(path, self.dataset.assign_attrs(sha256=content_hash(self.dataset)), encoding)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return np.asarray(self.dataset[name].values)
-
     def __len__(self) -> int:
         return int(self.dataset.sizes["case"])
-
-    @property
-    def sha256(self) -> str:
-        """Hash of the content, as kept in the file."""
-        return str(self.dataset.attrs["sha256"])
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Settings of the simulator that made it."""
-        return dict(json.loads(self.dataset.attrs["settings"]))
 
     @property
     def effect(self) -> str:
@@ -316,6 +323,29 @@ class Database:
         slim = slim.assign(single)
         return Database(slim.assign_attrs(sha256=content_hash(slim)))
 
+    @staticmethod
+    def _under_present_names(dataset: xr.Dataset) -> xr.Dataset:
+        present = dataset.copy()
+        present.attrs = _renamed(dataset.attrs)
+        return present
+
+    @staticmethod
+    def _check(dataset: xr.Dataset, where: str) -> None:
+        for name, variable in VARIABLES.items():
+            if name not in dataset.variables:
+                raise DatabaseError(f"{where}: variable {name} is missing")
+            found = dataset[name]
+            if found.dims != variable.dims:
+                raise DatabaseError(f"{where}: {name}: expected dimensions {variable.dims}, got {found.dims}")
+            if found.dtype.kind != variable.kind:
+                raise DatabaseError(f"{where}: {name}: expected numpy kind {variable.kind!r}, got {found.dtype}")
+        for name in ATTRIBUTES:
+            if name not in dataset.attrs:
+                raise DatabaseError(f"{where}: attribute {name} is missing")
+        unknown = sorted(set(map(str, dataset["status"].values)) - set(Status.__members__))
+        if unknown:
+            raise DatabaseError(f"{where}: status: expected names of capsbayes.Status, got {', '.join(unknown)}")
+
 
 def read_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     """Read a NetCDF file of this library into memory, single precision as double.
@@ -354,7 +384,7 @@ def check_content(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
     raise DatabaseError(f"{path}: its content does not match its sha256; it was damaged or changed by hand")
 
 
-def shipped_folders(kind: str = "databases") -> tuple[Path, ...]:
+def shipped_folders(kind: str = Database.FOLDER) -> tuple[Path, ...]:
     """Return the folders of shipped files of a kind: in the installed package, and in the source tree."""
     package = Path(__file__).resolve().parent
     return package / kind, package.parents[1] / "data" / kind
@@ -370,23 +400,6 @@ def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
 def _is_single(values: NDArray[Any]) -> bool:
     """Return whether single precision holds every value exactly."""
     return np.array_equal(values.astype(np.float32), values, equal_nan=True)
-
-
-def _check(dataset: xr.Dataset, where: str) -> None:
-    for name, variable in VARIABLES.items():
-        if name not in dataset.variables:
-            raise DatabaseError(f"{where}: variable {name} is missing")
-        found = dataset[name]
-        if found.dims != variable.dims:
-            raise DatabaseError(f"{where}: {name}: expected dimensions {variable.dims}, got {found.dims}")
-        if found.dtype.kind != variable.kind:
-            raise DatabaseError(f"{where}: {name}: expected numpy kind {variable.kind!r}, got {found.dtype}")
-    for name in ATTRIBUTES:
-        if name not in dataset.attrs:
-            raise DatabaseError(f"{where}: attribute {name} is missing")
-    unknown = sorted(set(map(str, dataset["status"].values)) - set(Status.__members__))
-    if unknown:
-        raise DatabaseError(f"{where}: status: expected names of capsbayes.Status, got {', '.join(unknown)}")
 
 
 def content_hash(dataset: xr.Dataset) -> str:

@@ -6,7 +6,6 @@ width l of the channel, velocities over the mean undisturbed velocity U. The fil
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.database import check_content, content_hash, read_dataset, shipped_folders
+from capsbayes.database import StoredStates, content_hash
 from capsbayes.errors import DatabaseError
 from capsbayes.files.output_file import write_dataset
 from capsbayes.parameters import OF_THE_MEMBRANE
@@ -81,7 +80,7 @@ def covered(values: Floats, cross_section: str = "square") -> Booleans:
 
 
 @dataclass(frozen=True, eq=False)
-class MembraneDatabase:
+class MembraneDatabase(StoredStates):
     """Scattered states of one cross-section.
 
     Parameters
@@ -90,51 +89,14 @@ class MembraneDatabase:
         As `capsbayes.physics.scattered.scattered_dataset` makes it, over `FREE_PARAMETERS`.
     """
 
-    dataset: xr.Dataset
+    FOLDER, KIND = "membranes", "membrane database"
 
     @classmethod
     def of(cls, dataset: xr.Dataset) -> MembraneDatabase:
         """Check a dataset, round what single precision holds well enough, and note its hash."""
         slim = dataset.assign({name: dataset[name].astype(np.float32).astype(np.float64) for name in _SINGLE})
-        _check(slim, "database")
+        cls._check(slim, "database")
         return cls(slim.assign_attrs(sha256=content_hash(slim)))
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> MembraneDatabase:
-        """Read and check a file written by `write`.
-
-        Raises
-        ------
-        DatabaseError
-            If the file is missing, cut short, lacks a variable or was changed.
-        """
-        dataset = read_dataset(path)
-        _check(dataset, str(path))
-        check_content(dataset, path)
-        return cls(dataset)
-
-    @staticmethod
-    def shipped() -> list[str]:
-        """Return the names of the databases that come with the library."""
-        return sorted({path.stem for folder in shipped_folders("membranes") for path in folder.glob("*.nc")})
-
-    @classmethod
-    def open(cls, source: str | os.PathLike[str]) -> MembraneDatabase:
-        """Read a database that comes with the library, as ``"square"``, or a file with its ending .nc.
-
-        Raises
-        ------
-        DatabaseError
-            If there is none of that name, or the file cannot be read.
-        """
-        name = str(source)
-        if name.endswith(".nc") or isinstance(source, os.PathLike):
-            return cls.read(source)
-        for folder in shipped_folders("membranes"):
-            if (folder / f"{name}.nc").is_file():
-                return cls.read(folder / f"{name}.nc")
-        known = ", ".join(cls.shipped()) or "none"
-        raise DatabaseError(f"no membrane database {name!r} comes with the library; it has {known}")
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file whole or not at all."""
@@ -150,42 +112,29 @@ class MembraneDatabase:
     def __len__(self) -> int:
         return int(self.dataset.sizes["state"])
 
-    def __getitem__(self, name: str) -> Floats:
-        return np.asarray(self.dataset[name].values, dtype=np.float64)
-
     def taken(self, states: ArrayLike) -> MembraneDatabase:
         """Return some of the states, with the hash of the whole."""
         return MembraneDatabase(self.dataset.isel(state=np.asarray(states)))
-
-    @property
-    def sha256(self) -> str:
-        """Hash of the content, as kept in the file."""
-        return str(self.dataset.attrs["sha256"])
 
     def as_dict(self) -> dict[str, Any]:
         """Return the hash, and the numbers of states and of places where none was reached, ready for JSON."""
         return {"sha256": self.sha256, "states": len(self), "lost": int(self.dataset.sizes["lost_state"])}
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """Settings of the simulator that made it, and the axes."""
-        return dict(json.loads(self.dataset.attrs["settings"]))
-
-    @property
     def cross_section(self) -> str:
         """Cross-section of the channel."""
         return str(self.settings["cross_section"])
 
-
-def _check(dataset: xr.Dataset, where: str) -> None:
-    for name, dims in _DIMENSIONS.items():
-        if name not in dataset.variables:
-            raise DatabaseError(f"{where}: variable {name} is missing")
-        if dataset[name].dims != dims:
-            raise DatabaseError(f"{where}: {name}: expected dimensions {dims}, got {dataset[name].dims}")
-    if "settings" not in dataset.attrs:
-        raise DatabaseError(f"{where}: attribute settings is missing")
-    found = tuple(map(str, dataset["parameter"].values)) if "parameter" in dataset.coords else ()
-    if found != FREE_PARAMETERS:
-        expected = ", ".join(FREE_PARAMETERS)
-        raise DatabaseError(f"{where}: parameter: expected {expected}, got {', '.join(found) or 'none'}")
+    @staticmethod
+    def _check(dataset: xr.Dataset, where: str) -> None:
+        for name, dims in _DIMENSIONS.items():
+            if name not in dataset.variables:
+                raise DatabaseError(f"{where}: variable {name} is missing")
+            if dataset[name].dims != dims:
+                raise DatabaseError(f"{where}: {name}: expected dimensions {dims}, got {dataset[name].dims}")
+        if "settings" not in dataset.attrs:
+            raise DatabaseError(f"{where}: attribute settings is missing")
+        found = tuple(map(str, dataset["parameter"].values)) if "parameter" in dataset.coords else ()
+        if found != FREE_PARAMETERS:
+            expected = ", ".join(FREE_PARAMETERS)
+            raise DatabaseError(f"{where}: parameter: expected {expected}, got {', '.join(found) or 'none'}")
