@@ -65,6 +65,11 @@ def test_a_model_is_given_by_its_name(model):
         (lambda m: cb.identify(SEEN, cb.Surrogate, CHANNEL, seed=1), "got the class Surrogate"),
         (lambda m: cb.identify(CHANNEL, m, SEEN, seed=1), "measurement: expected a Measurement, got an Experiment"),
         (lambda m: cb.identify_folder([SEEN], m, CHANNEL, out="o.nc", seed=1), "a path or a DataFrame, got one of the"),
+        (
+            lambda m: cb.identify_folder("", m, CHANNEL, out="o.nc", seed=1),
+            "source: expected a path, got an empty text",
+        ),
+        (lambda m: cb.measure("", CHANNEL), "measure: picture: expected a path, got an empty text"),
         (lambda m: cb.diagnose([SEEN], m, seed=1), "diagnose: session: expected a Session, a Population or a path"),
         (
             lambda m: cb.Measurement.read(["a.toml"]),

@@ -108,7 +108,7 @@ def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
         {"axial_length": 2.2},
         {"flow_rate": -1e-11},
         {"flow_rate": "0.5 .. 0.9 uL/min"},
-        {"axial_length_bound": True},
+        {"axial_length": None, "axial_length_error": None, "axial_length_bound": True},
         {"axial_extent": True},
         {"length_correlation": True},
         {"status": "DONE"},
@@ -156,6 +156,8 @@ def test_a_refused_measurement_has_a_status_and_no_numbers(tmp_path):
 def test_a_bound_that_is_no_number_is_refused():
     with pytest.raises(InputError, match="axial_length_bound"):
         made(axial_length_bound="long")
+    with pytest.raises(InputError, match="axial_length_bound: expected none next to axial_length, got 2"):
+        made(axial_length_bound=2.2)
 
 
 def with_outline():

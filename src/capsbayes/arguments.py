@@ -43,6 +43,8 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
         models = []
         for key, value in bound.arguments.items():
             kinds = _kinds(function, key)
+            if isinstance(value, str) and not value.strip() and "Path" in str(signature.parameters[key].annotation):
+                raise InputError(function.__name__, key, "a path", "an empty text, which would be the working folder")
             if isinstance(value, str) and any(issubclass(kind, ForwardModel) for kind in _classes(kinds)):
                 models.append(key)
             elif kinds is not None and not any(_is(value, kind) for kind in kinds):

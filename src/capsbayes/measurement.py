@@ -465,6 +465,8 @@ class Measurement(Readable):
         bound = self.axial_length_bound
         if bound is not None and not (_is_number(bound) and np.isfinite(bound) and bound > 0.0):
             raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
+        if bound is not None and self.axial_length is not None:
+            raise InputError(where, "axial_length_bound", "none next to axial_length", f"{bound:g}", "omit one of them")
         if self.axial_length is not None and self.axial_length > self.axial_extent:
             raise InputError(
                 where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
@@ -557,6 +559,8 @@ class Measurement(Readable):
                 "doubt": _text,
             },
         )
+        if "length_correlation" in table and "axial_length" not in table:
+            raise InputError(str(path), "measurement.length_correlation", "axial_length with it", "none")
         if "axial_length" in table:
             read = _measured(table["axial_extent"].unit)
             table["axial_length"] = read(table["axial_length"], str(path), "measurement.axial_length")
@@ -649,7 +653,7 @@ class Measurement(Readable):
             If it is missing.
         """
         if self.capsule_velocity is None:
-            where, advice = self.source or "measurement", "the flow rate alone identifies a capsule, but is no velocity"
+            where, advice = self.source or "measurement", "this needs v_o; identify, batch and sensitivity sobol do not"
             if self.flow_rate is None:
                 advice = "or state flow_rate, or viscous_tension = mu U in the experiment"
             raise InputError(where, "measurement.capsule_velocity", "a value with an error", "nothing", advice)

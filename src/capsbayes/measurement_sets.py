@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from capsbayes.files.output_file import write_dataset, write_file
 from capsbayes.files.recording import is_film
 from capsbayes.measurement import CONDITIONS, MID_PLANE, MeasuredOutline, Measurement, OutlineNoise, Pose, check_view
 from capsbayes.parameters import PARAMETERS, STATED
-from capsbayes.quantity import Quantity, parsed
+from capsbayes.quantity import Quantity, mistake_in, parsed
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -419,13 +420,23 @@ def measurement_files(folder: Path) -> list[Path]:
         If a film or an .rtdc file lies in the folder without a folder of its name with what was measured in it.
     """
     for file in sorted(folder.iterdir()):
-        measured = folder / file.stem
-        if is_recording(file) and not any((measured / name).is_file() for name in _MEASURED):
-            expected = f"its capsules measured before, in the folder {measured}"
-            advice = f"run: capsbayes measure {file} --experiment EXPERIMENT --out {measured}"
-            raise InputError(str(file), "", expected, "none", advice)
+        if is_recording(file) and not _is_measured(file):
+            raise unmeasured(file)
     files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("*/**/measurement.toml"))]
     return [file for file in files if not _is_experiment(file)]
+
+
+def unmeasured(file: Path) -> InputError:
+    """Return the refusal of a film or an .rtdc file where what was measured in it is needed."""
+    measured = file.with_suffix("")
+    advice = f"run: capsbayes measure {file} --experiment EXPERIMENT --out {measured}"
+    if _is_measured(file):
+        return InputError(str(file), "", f"the folder of what was measured in it, {measured}", "the recording")
+    return InputError(str(file), "", f"its capsules measured before, in the folder {measured}", "none", advice)
+
+
+def _is_measured(file: Path) -> bool:
+    return any((file.with_suffix("") / name).is_file() for name in _MEASURED)
 
 
 def is_recording(file: Path) -> bool:
@@ -612,7 +623,9 @@ class MeasuredLengths:
             for row in np.flatnonzero(found.isna() & ~frame[header].isna()).tolist():
                 text = str(frame[header][row]).strip()
                 if text.lower() not in MISSING:
-                    refusals[row] = refusals[row] or f"{header}: expected a number, got {text!r}"
+                    name, advice = mistake_in(text) or ("", "")
+                    got = f"{name} in {text!r}; {advice}" if name else repr(text)
+                    refusals[row] = refusals[row] or f"{header}: expected a number, got {got}"
         if "status" in frame:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]
@@ -816,12 +829,10 @@ def _check_columns(source: str, columns: list[str]) -> None:
     known = [header for headers in _HEADERS.values() for header in headers] + [*_PRIORS.values(), *_NAMES, *_IGNORED]
     for column in columns:
         if column not in known:
-            raise InputError(
-                source,
-                column,
-                f"one of the columns {', '.join(known)}",
-                f"{'an unknown' if column else 'a nameless'} column",
-            )
+            alike = get_close_matches(column, known, 1)
+            advice = f"did you mean {alike[0]}?" if alike else "rename or remove it"
+            got = f"{'an unknown' if column else 'a nameless'} one"
+            raise InputError(source, column, "a column of a table of lengths", got, advice)
     by_rate = any(header in columns for header in _HEADERS["flow_rate"])
     for name in _NEEDED if by_rate else (*_NEEDED, *_VELOCITY_PAIR):
         if not any(header in columns for header in _HEADERS[name]):

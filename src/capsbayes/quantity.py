@@ -165,9 +165,8 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
         return InputError(where, key, wanted, f"{found} in {stated}" if found else stated, advice)
 
     plain = _plain(text[: _LONGEST + 1])
-    for pattern, name, advice in _BY_NAME:
-        if pattern.search(plain):
-            raise refused(name, advice)
+    if mistake := mistake_in(plain):
+        raise refused(*mistake)
     inside = _PARENTHESES.fullmatch(plain)
     found = _TEXT.fullmatch("{shape}{numbers} {unit}".format(**inside.groupdict()).strip() if inside else plain)
     if found is None or len(text) > _LONGEST:
@@ -198,6 +197,12 @@ def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str
     if not is_range:
         other = other._replace(zero=Fraction(0))
     return ParsedText(scale.measured(number), other.measured(second), target, is_range, found["shape"] or "")
+
+
+def mistake_in(text: str) -> tuple[str, str] | None:
+    """Return the name of a usual mistake in a text, as a decimal comma, and what to do; None if there is none."""
+    plain = _plain(text)
+    return next(((name, advice) for pattern, name, advice in _BY_NAME if pattern.search(plain)), None)
 
 
 def _plain(text: str) -> str:

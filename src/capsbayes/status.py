@@ -49,8 +49,8 @@ class Status(enum.Enum):
     OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
     SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."
     SHADED = (
-        "Something dark that is no capsule lies along a wall or through the whole picture, as a shadow or a faulty row "
-        "of the camera; give a picture of the empty channel that shows it too, or crop it off (--crop)."
+        "Something dark that is no capsule lies along a wall or runs from the border, as a shadow or a faulty row of "
+        "the camera; give a picture of the empty channel that shows it too, or crop it off (--crop)."
     )
     DEAD_COLUMN = "An end of the capsule lies on a dead column of the camera; take a picture of it elsewhere."
     BROKEN_MASK = "The mask of the event falls into several pieces."
@@ -72,6 +72,10 @@ class Status(enum.Enum):
     TAKE_TURNS = (
         "Two kinds of frames take turns, as those of two channels or exposures; split the film, and measure one kind, "
         "with the frame rate that it then has."
+    )
+    REPEATED = (
+        "Many frames show the capsule where the one before did, as copies do: keep one of each, and give the frame "
+        "rate that the film then has."
     )
     # posteriors
     NOT_MIXED = "The chains did not pass their convergence gates within the budget; do not use the intervals."

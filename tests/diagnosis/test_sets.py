@@ -217,7 +217,10 @@ WITHOUT_EXTENT = TABLE.replace("axial_extent_over_l,", "").replace("2.1,", "")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("axial_extent_over_l", "axial_extent_um"), "set.csv: axial_extent_um: expected one of the columns axial_ext"),
+        (
+            ("axial_extent_over_l", "axial_extent_um"),
+            "set.csv: axial_extent_um: expected a column of a table of lengths, got an unknown one; did you mean",
+        ),
         ((TABLE, WITHOUT_EXTENT), "set.csv: axial_extent_over_l: expected a column of this name, got only"),
         (("2.1,", "long,"), "capsule 1: axial_extent_over_l: expected a number, got 'long'"),
         (("2.1,", "-2.1,"), "capsule 1: axial_extent: expected a positive finite number, got -2.1"),

@@ -279,6 +279,28 @@ def test_a_contour_that_is_not_one_whole_line_is_refused(tmp_path, points, words
         measured(written(tmp_path / "c.csv", points))
 
 
+def spiked(count, share, width=1):
+    """A circle of which some points next to each other lie a share of the radius further out."""
+    points = turned((0.0, 1.0, count))
+    points[:width] += share * (points[:width] - points.mean(axis=0))
+    return points
+
+
+@pytest.mark.parametrize("share", [0.1, -0.1])
+@pytest.mark.parametrize("count", [50, 64, 350])
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_point_off_the_edge_is_refused(tmp_path, count, share, width):
+    with pytest.raises(InputError, match=r"points along the edge of the capsule, got one that juts out by .* px at \("):
+        measured(written(tmp_path / "c.csv", spiked(count, share, width)))
+
+
+def test_a_point_a_little_off_the_edge_is_in_its_error(tmp_path):
+    found = measured(written(tmp_path / "c.csv", spiked(100, 0.03)))
+    whole = measured(written(tmp_path / "d.csv", turned((0.0, 1.0, 100))))
+    assert abs(found.axial_extent - whole.axial_extent) < found.axial_extent_error
+    assert found.axial_extent_error > 2.0 * whole.axial_extent_error
+
+
 @pytest.mark.parametrize(
     "points",
     [

@@ -61,6 +61,17 @@ def test_frames_that_were_dropped_or_repeated_leave_the_velocity_right(tmp_path,
     assert capsule.velocity.error < 1e-3 * STEP
 
 
+@pytest.mark.parametrize("count", [8, 9])
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+def test_a_film_in_which_most_frames_are_copies_is_refused(tmp_path, count, noise):
+    """Their errors would not be independent, and the step from frame to frame may be that of one frame or of two."""
+    rng = np.random.default_rng(1)
+    twice = [frame + noise * rng.standard_normal(SHAPE) for frame in film(PLACES, 1) for _ in range(2)]
+    frames = [np.clip(np.rint(frame), 0, 255).astype(np.uint8) for frame in twice]
+    (capsule,) = measured(tmp_path / "film", frames[:count]).capsules
+    assert capsule.status is capsule.measurement.status is Status.REPEATED
+
+
 @pytest.mark.parametrize(("exposure", "status"), [("20 us", Status.DONE), ("150 us", Status.SMEARED)])
 def test_a_capsule_that_moves_by_more_than_three_pixels_in_the_exposure_is_refused(tmp_path, exposure, status):
     """It moves by 0.93 px in 20 us at 2000 pictures in a second, by 7 px in 150 us."""

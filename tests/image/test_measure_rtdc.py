@@ -196,6 +196,10 @@ def test_one_velocity_for_all_events_is_refused_and_another_flow_rate_than_that_
         file.attrs["setup:flow rate"] = 0.06
     told = CliRunner().invoke(app, [*words, "--flow-rate", "0.04 +/- 0.001 uL/s"])
     assert "The file states a flow rate of 0.06 uL/s; the 0.04 uL/s of --flow-rate are used." in told.output
+    other = CliRunner().invoke(app, [*words, "--flow-rate", "0.04 +/- 0.001 uL/min"])
+    assert str(other.exception).startswith("flow rate: expected about the 0.06 uL/s of ")
+    batch = ["batch", str(path), "--flow-rate", "0.04 +/- 0.001 uL/s", "--out", str(tmp_path / "r.nc")]
+    assert "expected its capsules measured before, in the folder" in str(CliRunner().invoke(app, batch).exception)
 
 
 def test_a_file_that_is_no_hdf5_is_refused(tmp_path):

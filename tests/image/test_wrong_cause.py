@@ -80,8 +80,10 @@ def test_levels_below_zero_are_named_and_black_is_not_called_bright():
 
 
 def test_what_is_no_picture_of_grey_levels_is_named():
-    for mask in (SEEN > 120.0, 255 * (SEEN > 120.0).astype(np.uint8)):
-        with pytest.raises(InputError, match="expected grey levels of a camera, got two levels, as behind a threshold"):
+    for mask in (SEEN > 120.0, 255 * (SEEN > 120.0).astype(np.uint8), 64 * (MADE.picture // 64)):
+        with pytest.raises(
+            InputError, match=r"expected grey levels of a camera, got (two|4) levels, as behind a thresh"
+        ):
             measured(mask)
     for kind in (complex, str, object):
         with pytest.raises(InputError, match="expected real numbers as grey levels, got values of another kind"):
@@ -115,6 +117,15 @@ def test_a_dead_row_or_column_is_filled_or_named(level, with_background):
         check(picture, background if with_background else None)
     picture[:, round(MADE.outline[:, 0].max())] = level
     assert measured(picture, MADE.background if with_background else None).status is Status.DEAD_COLUMN
+
+
+@pytest.mark.parametrize("place", [np.s_[50, :130], np.s_[79:81, 130:], np.s_[60, 100:]])
+def test_half_a_dead_row_is_named(place):
+    """It joins the capsule to the border."""
+    picture = MADE.picture.copy()
+    picture[place] = 0
+    assert measured(picture).status is measured(picture, MADE.background).status is Status.SHADED
+    assert measured(MADE.picture[:, 100:]).status is Status.TOUCHES_BORDER
 
 
 def test_the_walls_of_two_channels_are_no_channel():

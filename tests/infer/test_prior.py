@@ -108,6 +108,7 @@ def test_ranges_are_read_from_the_file_of_the_capsule(tmp_path):
     [
         ('radius = "1 um"', "prior.radius: expected one of surface_shear_modulus, capsule_radius"),
         ('capsule_radius = "1 um"', "prior.capsule_radius: expected a distribution"),
+        ('capsule_radius = "24 +/- 0.01 um"', "prior.capsule_radius: expected a standard error of at least 0.1%"),
         ('capsule_radius = { distribution = "normal", low = "1 um", high = "2 um" }', "capsule_radius.distribution"),
         ('capsule_radius = { distribution = "uniform", low = "1 Pa", high = "2 um" }', "prior.capsule_radius.low"),
         ('capsule_radius = { distribution = "uniform", low = "3 um", high = "2 um" }', "expected low < high"),

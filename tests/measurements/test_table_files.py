@@ -63,6 +63,19 @@ FORMS = {
 }
 
 
+@pytest.mark.parametrize("word", ["count", "25%", "95 % CI", "n", "IQR", "90th percentile", "Gesamt"])
+def test_a_row_of_a_summary_is_no_capsule(tmp_path, word):
+    (refusal,) = set(read(tmp_path, text() + text().splitlines()[1].replace("c1", word) + "\n").refusals) - {""}
+    assert f"expected a capsule, got {word!r}, a row of a spreadsheet's summary" in refusal
+
+
+def test_a_decimal_comma_next_to_a_unit_is_named(tmp_path):
+    content = text().replace("capsule_velocity_m_per_s", "capsule_velocity").replace(",0.0062,", ',"6,2 mm/s",')
+    content = content.replace(f",{COLUMNS['capsule_velocity_m_per_s'][0]},", ',"6,2 mm/s",')
+    (refusal,) = set(read(tmp_path, content).refusals) - {""}
+    assert refusal.startswith("capsule_velocity_m_per_s: expected a number, got a decimal comma in '6,2 mm/s'; write")
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_a_table_of_a_spreadsheet_has_the_same_numbers(tmp_path, form):
     found = read(tmp_path, FORMS[form])
@@ -96,8 +109,11 @@ def test_names_of_another_alphabet_and_missing_ones(tmp_path):
             "Experiment of 12 May, square channel\n" + text(),
             "expected 2 cells, got 7, separated by ','; start with the names",
         ),
-        ("," + text().replace("\n", "\n,").removesuffix(","), "got a nameless column"),
-        (text().replace("name,", "name [%],", 1), "name [%]: expected one of the columns"),
+        ("," + text().replace("\n", "\n,").removesuffix(","), "got a nameless one"),
+        (
+            text().replace("name,", "name [%],", 1),
+            "name [%]: expected a column of a table of lengths, got an unknown one",
+        ),
         (text().replace("capsule_velocity_m_per_s", "capsule_velocity [mm/s +/- 1%]"), "got 'mm/s +/- 1%'"),
         (text().replace("axial_length_over_l", "length_correlation [%]"), "got a per cent in '1 %'"),
     ],
@@ -153,7 +169,7 @@ def test_a_row_without_a_number_gets_its_reason(tmp_path):
     found = read(tmp_path, text().replace("1.79", "NaN").replace("1.77", '"1,770"').replace("1.44", "1. May"))
     assert [bool(why) for why in found.refusals] == [False, True, True, True, False, False]
     assert found.refusals[1] == "axial_extent: expected a positive finite number, got nan"
-    assert found.refusals[2] == "axial_extent_over_l: expected a number, got '1,770'"
+    assert "expected a number, got a decimal comma in '1,770'; write a decimal point, and no" in found.refusals[2]
 
 
 def test_a_sheet_is_read(tmp_path):
@@ -182,7 +198,11 @@ def test_a_cell_of_a_sheet_without_a_number_is_refused_with_its_row(tmp_path, va
     [
         (ROWS, lambda made: made.create_sheet("B").append([1]), "one sheet with a table, got Sheet, B"),
         ([], lambda made: None, "one sheet with a table, got none"),
-        ([["a", "b"], [1, 2]], lambda made: None, "a: expected one of the columns"),
+        (
+            [["a", "b"], [1, 2]],
+            lambda made: None,
+            "a: expected a column of a table of lengths, got an unknown one; rename or",
+        ),
     ],
 )
 def test_another_book_is_refused(tmp_path, rows, change, message):

@@ -29,6 +29,21 @@ def test_an_answer_is_the_deterministic_one(capsule, shipped, experiment):
     assert not outside.any()
 
 
+def test_the_flow_rate_takes_the_place_of_the_velocity(capsule, shipped, experiment):
+    rate = {
+        "flow_rate": 1.2e-11,
+        "flow_rate_error": 1.2e-13,
+        "capsule_velocity": None,
+        "capsule_velocity_error": np.nan,
+    }
+    seen = replace(capsule, **rate)
+    inputs = Inputs.of(seen, experiment)
+    answers, _ = Answerer.of(shipped, seen, inputs, {})({"flow_rate": np.array([1.2e-11, 2.4e-11])})
+    expected = deterministic_answer(seen, shipped, inputs).as_dict()
+    assert answers["surface_shear_modulus"] == pytest.approx(expected["surface_shear_modulus"] * np.array([1.0, 2.0]))
+    assert "flow_rate" in sobol_indices(seen, shipped, experiment, seed=1, samples=8).ranges
+
+
 def test_lengths_without_a_shape_get_the_answer_of_the_nearest(capsule, shipped, experiment):
     inputs = Inputs.of(capsule, experiment)
     answerer = Answerer.of(shipped, capsule, inputs, {"axial_extent": 0.02, "axial_length": 0.02})

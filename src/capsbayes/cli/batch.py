@@ -83,13 +83,15 @@ def batch(
     from capsbayes.cli.population import together
     from capsbayes.experiment import Experiment
     from capsbayes.infer import Prior
-    from capsbayes.infer.batch import cross_section_and_view, identify_folder, pictures_of
+    from capsbayes.infer.batch import check_there, cross_section_and_view, identify_folder, pictures_of
 
     stated = {option: by_hand and getattr(by_hand, name) for name, option in BY_HAND.items()}
     speeds = {"--velocity": velocity, "--shared-velocity": shared_velocity, "--flow-rate": flow_rate}
     for option, given in {**speeds, "--background": background, "--flow": flow, **stated}.items():
         if given is not None and not capsules.is_dir():
-            raise InputError("batch", option, "a folder of pictures", str(capsules))
+            check_there(capsules)
+            advice = "a table states it in its columns" if option in speeds else ""
+            raise InputError("batch", option, "a folder of pictures", str(capsules), advice)
     known = None if experiment is None else Experiment.read(experiment)
     cross_section, view = cross_section_and_view(capsules, known)
     pictures = pictures_of(capsules) if capsules.is_dir() else ()

@@ -103,7 +103,9 @@ def identify(
         of_pictures |= speeds | {"--background": background, "--flow": flow}
         for option, given in of_pictures.items():
             if given is not None:
-                raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule))
+                name = {"--velocity": "capsule_velocity", "--flow-rate": "flow_rate"}.get(option, "")
+                advice = f"state {name} in it" if name else ""
+                raise InputError("identify", option, f"a picture ({', '.join(PICTURES)})", str(capsule), advice)
         measurement, written, stated = Measurement.read(capsule), Prior.read(capsule), Membrane.read(capsule)
     if effort is not None and engine == "quadrature":
         raise InputError("identify", "--engine", "emcee with --walkers, --steps, --ensembles or --most-steps", engine)

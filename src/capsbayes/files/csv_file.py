@@ -39,7 +39,8 @@ _WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
 _MOST_COLUMNS = 1000
 _LARGEST_BOOK = 2**28  # bytes of an .xlsx file that is unpacked
 _SUMMARIES = re.compile(
-    "means?|averages?|avg|median|sd|std|stdev|stddev|sem|se|stderr|standard|variance|cv|rsd|sum|total|count|min|max|"
+    "means?|averages?|avg|median|sd|std|stdev|stddev|sem|se|stderr|standard|variance|cv|rsd|sum|total|count|n|min|max|"
+    "ci|iqr|range|quartiles?|percentiles?|quantiles?|gesamt|"
     "mittel|mittelwerte?|durchschnitt|standardabweichung|stabw|summe|anzahl|"
     "moyenne|médiane|[ée]cart|somme|media|promedio|mediana|desviación|suma|ø"
 )
@@ -252,10 +253,12 @@ def is_summary(name: object) -> bool:
 
     Examples
     --------
-    >>> [is_summary(name) for name in ("Mean (n = 12)", "grand mean", "Mittelwert:", "capsule 7", "max-1")]
-    [True, True, True, False, False]
+    >>> [is_summary(name) for name in ("Mean (n = 12)", "grand mean", "Mittelwert:", "75%", "capsule 7", "max-1")]
+    [True, True, True, True, False, False]
     """
     bare = re.sub(r"\(.*?\)|\bn\s*=\s*\d+", " ", str(name).casefold().replace(".", ""))
+    bare = re.sub(r"\A\s*\d+\s*%\s*\Z", "percentile", bare)
+    bare = re.sub(r"\d+\s*(%|th\b)", " ", bare)
     return not any(map(str.isdigit, bare)) and any(map(_SUMMARIES.fullmatch, re.findall(r"\w+", bare)))
 
 

@@ -339,6 +339,7 @@ _NOTCH = 1.5, 0.1  # px, and of the radius of a circle of the same area: concave
 _CLEARANCE = 12.0  # px that an edge needs on its outside to be located
 _DARKEST_PIXELS = 0.01, 0.1  # of the pixels between the walls, of l^2: half as dark as these is the level of a blob
 _BY_WALL = 0.5  # of the half width from the axis: a capsule that leaves the picture is nearer to it
+_LINE = 6.0  # px: a capsule that leaves the picture is wider there
 _PIECE = 0.02  # of the largest piece of a mask: smaller pieces are ignored
 
 
@@ -400,11 +401,14 @@ def _erased(blob: Blob, boxes: Floats) -> Blob | None:
 
 
 def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
-    """Return True for a blob that runs through a picture of so many columns, or leaves it along one wall only."""
+    """Return True for a blob that runs through a picture of so many columns, or leaves it by one wall or as a line."""
     x = blob.polygon[:, 0]
     left, right = x < _BORDER, x > columns - 1.0 - _BORDER
     if left.any() and right.any():
         return True
+    for end in (left.any() * (x < _CLEARANCE), right.any() * (x > columns - 1.0 - _CLEARANCE)):
+        if end.any() and np.ptp(blob.polygon[end] @ walls.across) < _LINE:
+            return True
     leaving = (blob.polygon[left | right] - walls.middle) @ walls.across / walls.half_width
     return len(leaving) > 0 and bool(np.abs(leaving).min() > _BY_WALL and abs(np.sign(leaving).mean()) == 1.0)
 

@@ -161,7 +161,10 @@ _MOST_POINTS = 128  # of a silhouette: those of a denser contour are averaged
 _SPARSE = 200  # points: a contour of fewer is smoothed by a spline, as its sides cut off the curve
 _ROWS = 1_000_000  # of the picture of a contour, whose size is not known: at most
 _LONG = 3.0  # times the median side: one that points may be missing on
-_MOST_MISSING = 0.05  # of the radius, or a pixel: what may lie beyond such a side
+_MOST_OFF = 0.05  # of the radius, or a pixel: what may lie beyond such a side, or jut out from the rest
+_WIDEST, _APART = 3, 24  # points in a spike at most, and of the outline for each of them: a rear is hollow by itself
+_OUTLIER = 6.0  # of the scatter: more is no chance
+_CORNER = 0.4  # rad: least turn of a contour at a spike, and at a corner from one side of it to the other
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 
@@ -252,7 +255,7 @@ def measure_contour(
     of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
     relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
     profile = Profile.from_outline(_smooth(edge.points))
-    own = _missing(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    own = _missing(contour) ** 2 + _spike(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
     hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
     depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
     covariance = np.zeros((4, 4))
@@ -346,6 +349,41 @@ def _edge(
     return _Edge(unit, centred, error, _scatter(outline))
 
 
+def _allowed(contour: ContourFile) -> float:
+    """Return how far the edge may lie from what was traced, in the unit of a contour."""
+    return float(max(_MOST_OFF * np.sqrt(abs(signed_area(contour.points)) / np.pi), float(contour.unit == "px")))
+
+
+def _spike(contour: ContourFile) -> float:
+    """Return how far a point, or a few next to each other, jut out from the others of a contour, zero if none does.
+
+    The contour turns back on either side of a spike, which it does at no corner of a capsule.
+
+    Raises
+    ------
+    InputError
+        If that is too far for an edge.
+    """
+    outline, furthest = contour.points, 0.0
+    for step in range(1, min(_WIDEST, len(outline) // _APART) + 1):
+        off, chance = _off_neighbours(outline, step)
+        chord = np.roll(outline, -step, axis=0) - np.roll(outline, step, axis=0)
+        off = np.abs(off[:, 0] * chord[:, 1] - off[:, 1] * chord[:, 0]) / np.hypot(*chord.T)
+        sides = (outline - np.roll(outline, step, axis=0)) @ np.array([1.0, 1.0j])
+        turn = np.angle(np.roll(sides, -step) / sides)
+        turn -= np.median(turn)
+        others = np.array([np.roll(turn, step), np.roll(turn, -step)])
+        net = np.abs(turn + others.sum(axis=0))
+        alone = np.all(others * turn < 0.0, axis=0) & (np.abs(turn) > _CORNER) & (net < _CORNER)
+        far = np.where(alone & (off > _OUTLIER * robust_spread(off / chance) * chance), off, 0.0)
+        k = int(np.argmax(far))
+        if far[k] > _allowed(contour):
+            got = f"one that juts out by {far[k]:.3g} {contour.unit} at ({outline[k, 0]:.4g}, {outline[k, 1]:.4g})"
+            raise InputError(contour.source, "points", "points along the edge of the capsule", got)
+        furthest = max(furthest, float(far[k]))
+    return furthest
+
+
 def _missing(contour: ContourFile) -> float:
     """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there.
 
@@ -361,13 +399,12 @@ def _missing(contour: ContourFile) -> float:
     arc = arc_length(contour.points)
     sides, closed, furthest = np.diff(arc), np.append(points, points[0]), 0.0
     usual = np.median(sides)
-    allowed = max(_MOST_MISSING * np.sqrt(abs(signed_area(contour.points)) / np.pi), float(contour.unit == "px"))
     for k in np.flatnonzero(sides > _LONG * usual).tolist():
         share = min(0.5, _LONG * usual / sides[k])
         around = np.array([arc[k] - share * sides[k], arc[k], arc[k + 1], arc[k + 1] + share * sides[k]])
         steps = np.diff(np.interp(around % arc[-1], arc, closed))
         height = float(sides[k] * np.abs(np.angle(steps[1:] / steps[:-1])).sum() / (8.0 * (1.0 + share)))
-        if height > allowed:
+        if height > _allowed(contour):
             got = " and ".join(f"({end.real:.4g}, {end.imag:.4g})" for end in closed[k : k + 2])
             expected = "points all around the capsule, once"
             raise InputError(contour.source, "points", expected, f"none between {got} {contour.unit}")
@@ -376,21 +413,27 @@ def _missing(contour: ContourFile) -> float:
 
 
 def _scatter(outline: Floats) -> float:
-    """Return the standard deviation of the points along the normal, against cubics through two neighbours either side.
+    """Return the standard deviation of the points along the normal, of which corners are few."""
+    off, chance = _off_neighbours(outline)
+    return robust_spread(np.sum(off * vertex_normals(outline), axis=1) / chance)
 
-    The cubics are those of the arc length, so that points at unequal distances do not scatter; corners are few.
+
+def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
+    """Return how far each point lies from a cubic through two neighbours either side : (n, 2) array.
+
+    And its standard deviation along the normal, over that of one point : (n,) array. Neighbours are `step` points
+    apart. The cubics are those of the arc length, so that points at unequal distances do not scatter.
     """
-    steps = np.array([np.roll(outline, -k, axis=0) - outline for k in (-2, -1, 1, 2)])
+    steps = np.array([np.roll(outline, -k * step, axis=0) - outline for k in (-2, -1, 1, 2)])
     one = np.hypot(*np.moveaxis(steps, -1, 0))
-    before, after = np.roll(one[2], 1), np.roll(one[2], -1)
-    places = np.array([-one[1] - np.roll(before, 1), -one[1], one[2], one[2] + after])
+    before, after = np.roll(one[2], step), np.roll(one[2], -step)
+    places = np.array([-one[1] - np.roll(before, step), -one[1], one[2], one[2] + after])
     others = [[places[j] for j in range(4) if j != k] for k in range(4)]
     weights = np.array(
         [np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)]
     )  # of Lagrange, at the point itself
     off = -np.einsum("kn,knd->nd", weights, steps)
-    normal = vertex_normals(outline)
-    return robust_spread(np.sum(off * normal, axis=1) / np.sqrt(1.0 + np.sum(weights**2, axis=0)))
+    return off, np.sqrt(1.0 + np.sum(weights**2, axis=0))
 
 
 def _smooth(outline: Floats) -> Floats:

@@ -35,6 +35,7 @@ _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 1
 _ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
 _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}
 _BELOW_ZERO = 0.02  # largest share of such levels, as noise leaves them where the level of the dark was subtracted
+_FEW, _DARK = 4, 16  # levels of a picture that shows no edge, unless it is dark and they are next to each other
 _DEAD = 0.05  # of the level beside: a row of one level that differs by less does no harm
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
@@ -130,8 +131,9 @@ class Picture:
         if (below := float(np.mean(levels < 0))) > _BELOW_ZERO:
             got = f"{below:.0%} of them below zero, as after a subtraction"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
-        if (least := levels.min()) < levels.max() and np.all((levels == least) | (levels == levels.max())):
-            got = "two levels, as behind a threshold"
+        few = np.unique(levels if len(np.unique(levels[::8, ::8])) <= _FEW else levels[:0])
+        if len(few) == 2 or (2 < len(few) <= _FEW and few[-1] - few[0] > _DARK):
+            got = f"{'two' if len(few) == 2 else len(few)} levels, as behind a threshold"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
         brightest = levels.max()  # integers where the picture is grey: they are compared faster
         clipped = levels <= 0

@@ -20,7 +20,7 @@ from capsbayes.image.edge_models import robust_spread
 from capsbayes.image.edges import ARC, AVERAGED, centroid, centroid_variance, scatter_left
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import EdgeErrors, measurement_of_lengths, over_l
-from capsbayes.image.motion import Drift, Velocity, drift, smeared, times_of, velocity
+from capsbayes.image.motion import Drift, Velocity, drift, repeated, smeared, times_of, velocity
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import MeasuredOutline, Measurement
 from capsbayes.profile import arc_length, signed_area, vertex_normals
@@ -471,7 +471,7 @@ class FilmCapsule:
             speed, drifts = _motion(frames)
             outlines = AlignedOutlines.of([measured.outline for measured in frames])
             alike = outlines.alike
-            status = _steady(alike, drifts)
+            status = Status.REPEATED if repeated(*_places(frames)) else _steady(alike, drifts)
             used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
             lengths, covariance, repeat = _mean(used, drifts)
             size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
@@ -524,9 +524,7 @@ def _steady(alike: Booleans, drifts: dict[str, Drift]) -> Status:
 
 
 def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]:
-    numbers = np.array([float(measured.frame) for measured in frames])
-    along = np.array([measured.place[0] for measured in frames])
-    variance = np.array([measured.place_variance for measured in frames])
+    numbers, along, variance = _places(frames)
     speed = velocity(times_of(numbers, along, variance), along, variance)
     drifts = {} if speed.drift is None else {"v_o": speed.drift}
     lengths = np.array([measured.lengths for measured in frames])
@@ -536,6 +534,13 @@ def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]
         if seen.sum() >= _FEWEST:
             drifts[name] = drift(along[seen], lengths[seen, index], random[seen, index])
     return speed, drifts
+
+
+def _places(frames: list[FrameMeasurement]) -> tuple[Floats, Floats, Floats]:
+    """Return the numbers of frames, the places along the channel, and the variance of their errors : (n,) arrays."""
+    rows = [(float(measured.frame), measured.place[0], measured.place_variance) for measured in frames]
+    numbers, along, variance = np.array(rows).T
+    return numbers, along, variance
 
 
 def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:

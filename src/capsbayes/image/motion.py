@@ -12,6 +12,8 @@ from capsbayes.quantity import Quantity
 LONGEST_SMEAR = 3.0  # px in one exposure, up to which the intervals of pictures were counted
 _DISTINCT = 10.0  # standard errors of a step
 _WHOLE = 0.25  # of a step: how far one may be from a whole multiple of it
+_MOVING, _STILL = 0.9, 0.1  # quantile of the steps that is one of two frames that differ; of it: one of a copy
+_COPIES = 0.18  # of the steps: more are no chance
 _SIGNIFICANT = 3.0  # standard errors
 _NEGLIGIBLE = 0.01  # of the quantity itself: a smaller change is added to the error, not a reason to refuse
 
@@ -86,6 +88,20 @@ def times_of(frames: Floats, places: Floats, variance: Floats) -> Floats:
     if np.any(passed < 0.0) or np.any(np.abs(steps / step - passed) > _WHOLE):
         return frames
     return np.concatenate([frames[:1], frames[0] + np.cumsum(passed)])
+
+
+def repeated(frames: Floats, places: Floats, variance: Floats) -> bool:
+    """Return whether a capsule stands still in many steps and moves by a distinct one in the others.
+
+    Arguments are those of `velocity`. A few repeated frames are found by `times_of`; if every other one is, its step
+    may be that of two frames or of one.
+    """
+    steps = np.abs(np.diff(places) / np.diff(frames))
+    step = float(np.quantile(steps, _MOVING))
+    distinct = step > _DISTINCT * np.sqrt(2.0 * float(variance.max()))
+    still = (steps == 0.0) | (distinct & (steps < _STILL * step))
+    some = np.count_nonzero(~still & (steps < 0.5 * step))
+    return bool(step > 0.0 and np.mean(still) > _COPIES and some <= _STILL * len(steps))
 
 
 def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:

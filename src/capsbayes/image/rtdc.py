@@ -165,6 +165,7 @@ def _positive(value: object, where: str, key: str, unit: str = "micrometres") ->
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment
+_RATES = 2.0  # largest ratio of the flow rates: that of the sample alone is a fraction
 _SLOPES = np.linspace(-0.12, 0.12, 121)  # of the channel to the rows
 _LINES = 2.0  # px: standard deviation of a wall's bundle of lines
 
@@ -254,6 +255,9 @@ def measure_rtdc(
         rate = Quantity.of(flow_rate, "flow_rate", where="measure_rtdc")
     if speed is None and rate is None and experiment.viscous_tension is None:
         raise _without_velocity(file)
+    if rate is not None and file.flow_rate and not 1.0 / _RATES < rate.value / file.flow_rate < _RATES:
+        expected = f"about the {1e9 * file.flow_rate:.4g} uL/s of {file.path}, of sample and sheath together"
+        raise InputError("flow rate", "", expected, f"{1e9 * rate.value:.4g} uL/s", "correct the one that is wrong")
     pixel_size = Quantity.of(pixel_size, where="measure_rtdc", key="pixel_size", units=("m",))
     direction = check_flow(flow)
     _check_channel(file, experiment, pixel_size)

@@ -60,6 +60,7 @@ from capsbayes.measurement_sets import (
     measurement_files,
     opened,
     read_set,
+    unmeasured,
 )
 from capsbayes.measurement_sets import (
     NUMBERS as MEASURED,
@@ -572,7 +573,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
     if isinstance(source, MeasuredLengths):
         _check_experiment(run, source.source)
         return _table(source, run, store)
-    _check_there(source)
+    check_there(source)
     if source.is_dir():
         files = capsule_files(source)
         if not files:
@@ -670,7 +671,7 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
     InputError
         If nothing is there, or nothing states the cross-section: naming the first capsule that cannot be read, if any.
     """
-    _check_there(source)
+    check_there(source)
     view, refused = MID_PLANE, None
     if source.is_dir():
         files = capsule_files(source)
@@ -698,9 +699,12 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
     return experiment.cross_section, view
 
 
-def _check_there(source: Path) -> None:
+def check_there(source: Path) -> None:
+    """Refuse a source that does not exist, and a film or an .rtdc file, which is measured first."""
     if not source.exists():
         raise InputError(str(source), "", "a folder, a table of lengths or a file of outlines", "nothing there")
+    if is_recording(source):
+        raise unmeasured(source)
 
 
 # Capsules of a run sampled with emcee: to keep their draws, or to check the rows of some drawn at random

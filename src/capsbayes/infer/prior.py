@@ -239,13 +239,7 @@ class Prior:
 
     def __post_init__(self) -> None:
         for name in _LIMITED:
-            stated = Quantity.of(getattr(self, name), name, where="prior")
-            if stated.known or (stated.is_range and stated.low <= 0.0):
-                expected = 'a distribution, as "low .. high" with 0 < low < high, or "mean +/- error"'
-                raise InputError("prior", name, expected, str(stated))
-            if not stated.is_range and stated.sd < NARROWEST * stated.mean:
-                raise InputError("prior", name, f"a standard error of at least {NARROWEST:.1%}", str(stated))
-            object.__setattr__(self, name, stated)
+            object.__setattr__(self, name, _uncertain(getattr(self, name), name, "prior", name))
         read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
         if THICKNESS in read and "bending" in read:
             raise InputError("prior", f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
@@ -370,14 +364,22 @@ def _coordinate(given: Given, where: str, key: str) -> Quantity:
     return read
 
 
+def _uncertain(given: Given, name: str, where: str, key: str) -> Quantity:
+    """Return the prior of G_s or a; one that is known or nearly so is refused."""
+    read = (Quantity.of_text if isinstance(given, str) else Quantity.of)(given, name, where=where, key=key)
+    if read.known or (read.is_range and read.low <= 0.0):
+        expected = 'a distribution, as "low .. high" with 0 < low < high, or "mean +/- error"'
+        raise InputError(where, key, expected, repr(given) if isinstance(given, str) else str(read))
+    if not read.is_range and read.sd < NARROWEST * read.mean:
+        raise InputError(where, key, f"a standard error of at least {NARROWEST:.1%}", str(read))
+    return read
+
+
 def _distribution(where: str, key: str, stated: object) -> Quantity:
     """Return the prior of G_s or a from a text, or from a table of a file that states a range."""
     name = key.rpartition(".")[2]
     if isinstance(stated, str):
-        read = Quantity.of_text(stated, name, where=where, key=key)
-        if read.known:
-            raise InputError(where, key, 'a distribution, as "low .. high" or "mean +/- error"', repr(stated))
-        return read
+        return _uncertain(stated, name, where, key)
     example = STATED[name].example
     if not isinstance(stated, Mapping) or set(stated) != {"distribution", "low", "high"}:
         wanted = f'{{ distribution = "log-uniform", low = "{example}", high = "{example}" }} or a text "low .. high"'

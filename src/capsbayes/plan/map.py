@@ -299,6 +299,7 @@ class Answerer:
     """Deterministic answer as a function of all inputs."""
 
     model: ForwardModel  # with a database
+    inputs: Inputs
     centre: Mapping[str, float]  # value of each input that a sample does not state
     over_half_width: bool  # whether the lengths are over l or in metres
     nearest: NearestShape  # for lengths that no capsule of the database has
@@ -309,13 +310,14 @@ class Answerer:
         # In units of the standard deviations of the lengths, over which they vary, shapes are near or far.
         if model.database is None or model.coordinates:
             raise InputError("sobol", "model", "a database of (Ca, a/l), as the paper's procedure needs", model.name)
-        centre = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", "capsule_velocity")}
+        speed = "flow_rate" if inputs.by_flow_rate else "capsule_velocity"
+        centre = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", speed)}
         lengths = {name: float(getattr(measurement, name)) for name in ("axial_extent", "axial_length")}
         scale = 1.0 if measurement.over_half_width else centre["half_width"]
         relative = 0.0 if measurement.over_half_width else sds.get("half_width", 0.0) / centre["half_width"]
         own = [np.hypot(sds.get(name, 0.0), relative * length) / scale for name, length in lengths.items()]
         scales = np.maximum(own, 0.1 * max(*own, 1e-6))
-        return cls(model, centre | lengths, measurement.over_half_width, NearestShape.of(model, scales))
+        return cls(model, inputs, centre | lengths, measurement.over_half_width, NearestShape.of(model, scales))
 
     def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], Booleans]:
         """Return the answers by name [SI] to all samples (n,), and whether each is that of the nearest shape."""
@@ -327,7 +329,10 @@ class Answerer:
         unique, which = np.unique(lengths, axis=0, return_inverse=True)
         places, outside = self._places(unique)
         ca, size, ratio = places[which.ravel()].T
-        flow = mean_velocity(capsule_velocity=all_inputs["capsule_velocity"], velocity_ratio=ratio)
+        if self.inputs.by_flow_rate:
+            flow = all_inputs["flow_rate"] / (self.inputs.area * all_inputs["half_width"] ** 2)
+        else:
+            flow = mean_velocity(capsule_velocity=all_inputs["capsule_velocity"], velocity_ratio=ratio)
         modulus = surface_shear_modulus(viscosity=all_inputs["viscosity"], mean_velocity=flow, capillary_number=ca)
         radius = capsule_radius(size_ratio=size, half_width=all_inputs["half_width"])
         return dict(zip(ANSWERS, (modulus, radius, ca, size), strict=True)), outside[which.ravel()]

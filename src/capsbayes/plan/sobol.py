@@ -104,7 +104,7 @@ class SobolStudy:
 SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""
 
-_VARIED = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length")
+_VARIED = ("viscosity", "half_width", "capsule_velocity", "flow_rate", "axial_extent", "axial_length")
 _RESAMPLED = 200  # times, for the errors of the indices
 _FEWEST_KEPT = 8  # groups, with which indices are compared
 _MOST_OUTSIDE = 0.1  # of the samples, beyond which the indices are those of the border of the database
@@ -125,7 +125,7 @@ def sobol_indices(
     Parameters
     ----------
     measurement : Measurement
-        Both lengths and the velocity.
+        Both lengths, and the velocity or the flow rate.
     model : ForwardModel
         With a database.
     experiment : Experiment
