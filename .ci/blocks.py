@@ -1,7 +1,7 @@
 """The shell blocks of the README, which the gate runs: ``python3 .ci/blocks.py README.md FOLDER`` writes a script each.
 
-Whatever it could miss is an error: a fence of another kind, a block without an end, and a second command in a block,
-whose exit status would hide that of the first.
+Blocks of Python are left to the tests, which run them. Whatever it could miss is an error: a fence of another kind, a
+block without an end, and a second command in a block, whose exit status would hide that of the first.
 """
 
 from __future__ import annotations
@@ -11,22 +11,23 @@ from pathlib import Path
 
 
 def blocks(markdown: str) -> list[str]:
-    """Return the text of each block; each is one command."""
+    """Return the text of each shell block; each is one command."""
     found: list[str] = []
     block: list[str] | None = None
+    shell = True
     for number, line in enumerate(markdown.splitlines(), start=1):
         if not line.lstrip(" >").startswith(("```", "~~~")):
             if block is not None:
                 block.append(line)
         elif block is None:
-            if line != "```sh":
-                raise ValueError(f"line {number}: expected a block that begins with ```sh, got {line}")
-            block = []
+            if line not in ("```sh", "```python"):
+                raise ValueError(f"line {number}: expected a block that begins with ```sh or ```python, got {line}")
+            shell, block = line == "```sh", []
         else:
             text = "\n".join(block)
-            if line != "```" or not text.strip() or "\n" in text.replace("\\\n", " ").strip():
+            if line != "```" or not text.strip() or (shell and "\n" in text.replace("\\\n", " ").strip()):
                 raise ValueError(f"line {number}: expected the end of a block of one command")
-            found.append(text)
+            found += [text] if shell else []
             block = None
     if block is not None or not found:
         raise ValueError("expected blocks of shell commands, each with an end")

@@ -7,9 +7,9 @@ bias, scatter, stated error, and the shares of the 68 and 95 % intervals that ho
 silhouette about the true one, the mean square of its residuals over the stated covariance, 1 if that is right: median
 and 90 % quantile.
 
-``--write`` renews ``docs/data/conditions.json`` and the table in ``docs/measuring.md``; ``--overlays FOLDER`` draws one
-measured picture of each condition; ``--keep FILE`` keeps what was measured of each capsule, so that an interrupted run
-goes on there.
+``--write`` renews ``evidence/results/conditions.json`` and the table in ``evidence/results/pictures.md``. ``--overlays
+FOLDER`` draws one measured picture of each condition; ``--keep FILE`` keeps what was measured of each capsule, so that
+an interrupted run goes on there.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "conditions.json", ROOT / "docs" / "measuring.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "conditions.json", ROOT / "evidence" / "results" / "pictures.md"
 BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
 HALF_WIDTH = 60.0  # px
 FRESH = 100  # number of the first capsule on which nothing was set

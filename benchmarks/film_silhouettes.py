@@ -6,8 +6,8 @@ of its frames with the film's velocity, and by the film's lengths alone; viscosi
 gives the shares of the intervals of G_s and a/l that hold the truth, the median standard deviations, and the standard
 deviation of ln G_s by the film over that by the frame that tells most.
 
-``docs/data/films.json`` keeps each film when it is done: an interrupted run goes on there. ``--write`` renews the table
-in ``docs/measuring.md``; ``--overlays FOLDER`` draws one measured frame of each film.
+``evidence/results/films.json`` keeps each film when it is done: an interrupted run goes on there. ``--write`` renews
+the table in ``evidence/results/pictures.md``; ``--overlays FOLDER`` draws one measured frame of each film.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from capsbayes.image.overlay import overlay
 from capsbayes.infer import Quadrature
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "films.json", ROOT / "docs" / "measuring.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "films.json", ROOT / "evidence" / "results" / "pictures.md"
 BEGIN, END = "<!-- films -->\n", "<!-- end of films -->\n"
 FRAMES, RATE, SEED = 6, 1000.0, 4021
 SHOWN = ("none", "noise 2 %", "blur 2 px")  # conditions, in turn

@@ -5,8 +5,8 @@ and its half width to 0.1 um (0.4 %), or to 1 % both; the stated values are wron
 put in by the code of the blind sessions, which shares nothing with the operators of the effects.
 
 Each session takes five seconds of processor time with lengths alone and a minute with outlines; finished sessions are
-kept in ``docs/data/flow-rates.json``, and ``--sessions`` says how many of each row there shall be. ``--write`` renews
-the table in ``docs/diagnosing.md``.
+kept in ``evidence/results/flow-rates.json``, and ``--sessions`` says how many of each row there shall be. ``--write``
+renews the table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "flow-rates.json", ROOT / "docs" / "diagnosing.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "flow-rates.json", ROOT / "evidence" / "results" / "diagnosis.md"
 BEGIN, END = "<!-- flow rates -->\n", "<!-- end of flow rates -->"
 
 WELL = Lab(flow_rate_error=0.005, half_width_error=0.1e-6)

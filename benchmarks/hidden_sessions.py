@@ -2,9 +2,9 @@
 
     python benchmarks/hidden_sessions.py --sessions 2 --write
 
-Diagnoses the sessions of each row that have no answer in ``docs/data/hidden-sessions.json`` yet, half a minute each,
-or several minutes where two effects are hidden, and prints the table of all answers. ``--write`` renews the table in
-``docs/diagnosing.md``.
+Diagnoses the sessions of each row that have no answer in ``evidence/results/hidden-sessions.json`` yet, half a minute
+each, or several minutes where two effects are hidden, and prints the table of all answers. ``--write`` renews the table
+in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "hidden-sessions.json", ROOT / "docs" / "diagnosing.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "hidden-sessions.json", ROOT / "evidence" / "results" / "diagnosis.md"
 MARKS = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
 
 

@@ -1,7 +1,8 @@
 """Compare what the commands report under several BLAS kernels and numbers of threads.
 
-``python benchmarks/machines.py --write`` writes the table of ``docs/machine-independence.md``. Each environment has a
-process of its own, which runs all `COMMANDS`; ``--quick`` runs the commands of a few seconds under two kernels.
+``python benchmarks/machines.py --write`` writes the table of ``evidence/results/machine-independence.md``. Each
+environment has a process of its own, which runs all `COMMANDS`; ``--quick`` runs the commands of a few seconds under
+two kernels.
 
 The difference of two numbers is divided by their size or, if that gives less, by the width of the interval that is
 reported with them; probabilities, shares, logarithms and numbers in standard errors are compared as they are.
@@ -26,7 +27,7 @@ from typing import Any, NamedTuple
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parent / "examples"
-PAGE = HERE.parent / "docs" / "machine-independence.md"
+PAGE = HERE.parent / "evidence" / "results" / "machine-independence.md"
 KERNELS = ("Haswell", "Zen", "SkylakeX", "Sandybridge")
 LARGEST = 1e-6
 

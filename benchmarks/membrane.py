@@ -1,9 +1,10 @@
 """Compare the surrogate over flow and membrane with states left out, and with simulations on a finer mesh.
 
-Run ``python benchmarks/membrane.py``; ``--write`` renews the table in ``docs/membrane.md``. Each state is predicted
-from nine tenths of the others, and the capsules of ``data/pools/membrane-capsules.npz`` from all. ``--simulate FOLDER``
-first simulates shapes at random places, which are no states, on a mesh of refinement 12; each finished one is kept in
-FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``. z is a difference over the stated error.
+Run ``python benchmarks/membrane.py``; ``--write`` renews the table in ``evidence/results/membrane.md``. Each state is
+predicted from nine tenths of the others, and the capsules of ``data/pools/membrane-capsules.npz`` from all.
+``--simulate FOLDER`` first simulates shapes at random places, which are no states, on a mesh of refinement 12; each
+finished one is kept in FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``. z is a difference
+over the stated error.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 
 ROOT = Path(__file__).parents[1]
-PAGE, STORED = ROOT / "docs" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"
+PAGE, STORED = ROOT / "evidence" / "results" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"
 FOLDS, COUNT, FINE = 10, 40, 12
 BEGIN, END = "<!-- errors -->", "<!-- end of errors -->"
 COLUMNS = (

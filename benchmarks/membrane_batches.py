@@ -16,8 +16,8 @@ that varies, by outlines. The model's own error is measured at the capsules of `
 along what tells a membrane, over its stated standard deviation: 5 % of a normal error would be above 1.96.
 
 ``--lengths N`` and ``--outlines N`` say how many batches there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-batches.json`` and the tables in
-``docs/shared-membrane.md``.
+FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-batches.json`` and the tables
+in ``evidence/results/membrane.md``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "membrane-batches.json", ROOT / "docs" / "shared-membrane.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "membrane-batches.json", ROOT / "evidence" / "results" / "membrane.md"
 MARKS = {
     "coverage": ("<!-- batches -->\n", "<!-- end of batches -->\n"),
     "transfer": ("<!-- transfer -->\n", "<!-- end of transfer -->\n"),

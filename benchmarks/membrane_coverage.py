@@ -8,8 +8,8 @@ unknown, and with the default model, which takes it as neo-Hookean and not infla
 capsules whose laws are no members of the family.
 
 ``--lengths N`` and ``--outlines N`` say how many capsules there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``docs/data/membrane-coverage.json`` and the table s in
-``docs/membrane.md``; rows that FOLDER does not hold stay as they are.
+FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-coverage.json`` and the
+tables in ``evidence/results/membrane.md``; rows that FOLDER does not hold stay as they are.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "membrane-coverage.json", ROOT / "docs" / "membrane.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "membrane-coverage.json", ROOT / "evidence" / "results" / "membrane.md"
 MARKS = {
     "capsules": ("<!-- coverage -->\n", "<!-- end of coverage -->\n"),
     "others": ("<!-- other laws -->\n", "<!-- end of other laws -->\n"),

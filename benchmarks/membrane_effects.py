@@ -6,7 +6,7 @@ four differ. To the mid-plane outline of each, without errors, a model fits Ca a
 as in a diagnosis, with the noise of the exam: 0.01 l, correlated along the outline. The model has the effects computed
 together, or their changes added up. What ln G_s is off by is a bias; its standard error is that of one capsule.
 
-``--write`` renews ``docs/data/membrane-effects.json`` and the table in ``docs/diagnosing.md``.
+``--write`` renews ``evidence/results/membrane-effects.json`` and the table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "membrane-effects.json", ROOT / "docs" / "diagnosing.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "membrane-effects.json", ROOT / "evidence" / "results" / "diagnosis.md"
 BEGIN, END = "<!-- two effects -->\n", "<!-- end of two effects -->\n"
 VISCOSITY, HALF_WIDTH, VELOCITY = 0.8, 25e-6, 4e-3  # SI, the last one that of the undisturbed flow
 NOISE, LENGTH_ERROR, EVERY = OutlineNoise(0.01, 0.2), 0.014, 4

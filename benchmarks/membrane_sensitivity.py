@@ -7,8 +7,8 @@ the same membrane, population and flow rates, before anything is measured. The s
 tell at the best one to four flow rates.
 
 Each finished batch is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
-``docs/data/membrane-sensitivity.json`` and the tables in ``docs/sensitivity.md``, also that of the map, which is
-``docs/data/membrane-map.json``, a ``map.json`` of ``capsbayes sensitivity map --membrane unknown``.
+``evidence/results/membrane-sensitivity.json`` and the tables in ``evidence/results/membrane.md``, also that of the map,
+which is ``evidence/results/membrane-map.json``, a ``map.json`` of ``capsbayes sensitivity map --membrane unknown``.
 """
 
 from __future__ import annotations
@@ -34,11 +34,14 @@ from capsbayes.plan.widths import LOGARITHMIC
 from capsbayes.run import Store
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "membrane-sensitivity.json", ROOT / "docs" / "sensitivity.md"
+STORED, PAGE = (
+    ROOT / "evidence" / "results" / "membrane-sensitivity.json",
+    ROOT / "evidence" / "results" / "membrane.md",
+)
 MARKS = "<!-- expected and found -->\n", "<!-- end of expected and found -->\n"
-SAME = ROOT / "docs" / "data" / "membrane-same-capsule.json"
+SAME = ROOT / "evidence" / "results" / "membrane-same-capsule.json"
 SAME_MARKS = "<!-- same capsule -->\n", "<!-- end of same capsule -->\n"
-MAP, MAP_MARKS = ROOT / "docs" / "data" / "membrane-map.json", ("<!-- map -->\n", "<!-- end of map -->\n")
+MAP, MAP_MARKS = ROOT / "evidence" / "results" / "membrane-map.json", ("<!-- map -->\n", "<!-- end of map -->\n")
 QUANTITIES = {
     "surface_shear_modulus": "ln mean G_s",
     "pre_inflation": "alpha",

@@ -35,7 +35,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-DATA = ROOT / "docs" / "data" / "mutation.json"
+DATA = ROOT / "evidence" / "results" / "mutation.json"
 PACKAGE = "capsbayes"
 CPU_SECONDS = 15  # of a mutant, in addition to three times what the tests need without one
 MEMORY = 8 << 30

@@ -5,8 +5,8 @@ askew on the way. Its silhouettes are seen across the way that it migrates, and 
 surrogate's shape is next to the steady one of this mesh, so that what is left of Ca and a/l is due to the offset; the
 errors drawn are 0.003 l. Each is identified with the odd part of the outline as a nuisance and without.
 
-``docs/data/off_axis.json`` keeps each capsule when it is done; ``--shapes FOLDER`` keeps the simulated shapes too.
-``--write`` renews the table in ``docs/measuring.md``.
+``evidence/results/off_axis.json`` keeps each capsule when it is done; ``--shapes FOLDER`` keeps the simulated shapes
+too. ``--write`` renews the table in ``evidence/results/pictures.md``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from capsbayes.physics.transient import transient
 from capsbayes.profile import equally_spaced, vertex_normals
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "off_axis.json", ROOT / "docs" / "measuring.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "off_axis.json", ROOT / "evidence" / "results" / "pictures.md"
 BEGIN, END = "<!-- off the axis -->\n", "<!-- end of off the axis -->\n"
 CAPSULES = (  # cross-section, Ca, a/l, and the shift off the axis at the beginning over l
     ("circular", 0.08, 0.77, 0.05),

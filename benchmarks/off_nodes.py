@@ -1,11 +1,11 @@
 """Compare every shipped surrogate with simulations at the nodes of its database, and off them.
 
-Run ``python benchmarks/off_nodes.py``; ``--write`` renews the table in ``docs/databases.md``. z is a difference from
-a simulation over the error that the surrogate states. The simulations off the nodes are those of ``data/pools`` and
-``data/fresh.npz``, at refinement 12; `fresh.py` makes the latter. At its nodes an effect database is compared alone,
-without the finer database that is its base, whose mesh gives other shapes; for shapes off the nodes it has its base.
-The error of the mesh of a plain database, or of a base, is not part of the error here: the simulations have that mesh.
-A stated error counts as flagged where the surrogate has the caveat of two shapes or of unsure shapes.
+Run ``python benchmarks/off_nodes.py``; ``--write`` renews the table in ``evidence/results/off-nodes.md``. z is a
+difference from a simulation over the error that the surrogate states. The simulations off the nodes are those of
+``data/pools`` and ``data/fresh.npz``, at refinement 12; `fresh.py` makes the latter. At its nodes an effect database is
+compared alone, without the finer database that is its base, whose mesh gives other shapes; for shapes off the nodes it
+has its base. The error of the mesh of a plain database, or of a base, is not part of the error here: the simulations
+have that mesh. A stated error counts as flagged where the surrogate has the caveat of two shapes or of unsure shapes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 
 ROOT = Path(__file__).parents[1]
-FOLDER, PAGE = ROOT / "data" / "pools", ROOT / "docs" / "databases.md"
+FOLDER, PAGE = ROOT / "data" / "pools", ROOT / "evidence" / "results" / "off-nodes.md"
 QUANTITIES = {"axial_extent": "L_z", "axial_length": "L_a", "velocity_ratio": "v_o/U"}
 BEGIN, END = "<!-- nodes -->", "<!-- end of nodes -->"
 CONVEX = 1e-4
@@ -188,7 +188,7 @@ def tables(names: list[str]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="databases; by default every shipped one")
-    parser.add_argument("--write", action="store_true", help="renew the table in docs/databases.md")
+    parser.add_argument("--write", action="store_true", help="renew the table in evidence/results/off-nodes.md")
     options = parser.parse_args()
     table = tables(options.names or Database.shipped())
     if options.write:

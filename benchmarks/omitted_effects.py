@@ -4,7 +4,7 @@ The effects and their sizes are those of the exam. Forty capsules with each are 
 microscope's effects are drawn on them as plane geometry; the plain model is fitted to the outline of each, which is
 measured without errors and weighted as one with errors of 0.01 l. Takes half a minute.
 
-``--write`` renews ``docs/data/omitted-effects.json`` and the table in ``docs/limits.md``.
+``--write`` renews ``evidence/results/omitted-effects.json`` and the table in ``docs/limits.md``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from capsbayes.evidence.exam.cells import CELLS, Cell
 from capsbayes.evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "omitted-effects.json", ROOT / "docs" / "limits.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "omitted-effects.json", ROOT / "docs" / "limits.md"
 BEGIN, END = "<!-- omitted effects -->\n", "<!-- end of omitted effects -->\n"
 LAB, CAPSULES, SEED = Lab(noise=Noise(understated=0.0)), 40, 1
 EFFECTS = {

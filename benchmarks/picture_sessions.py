@@ -7,8 +7,8 @@ Each session has a laboratory of its own, as in the exam. Its capsules are drawn
 They are measured and diagnosed as a folder of pictures is. Rows in which a fault of the camera is no effect of the
 catalogue say whether poor pictures are taken for physics.
 
-Diagnoses the sessions of each row that have no answer in ``docs/data/picture-sessions.json`` yet, half a minute each,
-and prints the table of all answers. ``--write`` renews the table in ``docs/diagnosing.md``.
+Diagnoses the sessions of each row that have no answer in ``evidence/results/picture-sessions.json`` yet, half a minute
+each, and prints the table of all answers. ``--write`` renews the table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
-STORED = ROOT / "docs" / "data" / "picture-sessions.json"
+STORED = ROOT / "evidence" / "results" / "picture-sessions.json"
 MARKS = "<!-- picture sessions -->\n", "<!-- end of picture sessions -->"
 MIDDLE = 4e-3  # m/s, velocity of a capsule at which motion in the exposure is stated
 

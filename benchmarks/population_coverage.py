@@ -5,7 +5,8 @@ tails, and ones with odd capsules. The lengths are perturbed by the surrogate's 
 measurement, and in one row the true limit of steady shapes lies 3 % below that of the model. Of each fit it counts how
 often the 68 % and 95 % intervals contain the truth, and how often the check of the tails objects.
 
-The counts are written to ``docs/data/population-coverage.json``, row by row, the table into ``docs/populations.md``.
+The counts are written to ``evidence/results/population-coverage.json``, row by row, the table into
+``evidence/results/populations.md``.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ from capsbayes.infer.selection import half_width_of
 from capsbayes.surrogate import Surrogate
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "population-coverage.json", ROOT / "docs" / "populations.md"
+STORED, PAGE = (
+    ROOT / "evidence" / "results" / "population-coverage.json",
+    ROOT / "evidence" / "results" / "populations.md",
+)
 MARKS = "<!-- coverage -->\n", "<!-- end of coverage -->\n"
 DRAWN = 80  # capsules of a session, of which some are lost
 SHARED = 0.2  # of the errors of the drawn sessions: a viscosity known to 1 %, a half width to 0.2 %

@@ -5,7 +5,7 @@ capsules, each of which is omitted from the surrogate that identifies it; those 
 which no interval can reach, are not drawn. The first table gives the normal residuals of the measured silhouettes about
 the true ones; the second the shares of the intervals of Ca and a/l that contain the truth, and their widths compared
 with those from the lengths of the same pictures. An interrupt ends the run and prints the results so far; ``--write``
-renews ``docs/data/silhouettes.json`` and the tables in ``docs/measuring.md``.
+renews ``evidence/results/silhouettes.json`` and the tables in ``evidence/results/pictures.md``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "silhouettes.json", ROOT / "docs" / "measuring.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "silhouettes.json", ROOT / "evidence" / "results" / "pictures.md"
 MARKS = (
     ("<!-- silhouettes -->\n", "<!-- end of silhouettes -->\n"),
     ("<!-- widths -->\n", "<!-- end of widths -->\n"),

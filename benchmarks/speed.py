@@ -1,10 +1,10 @@
 """Speed that a person feels: our commands and engines, each beside what else is in use, in one table.
 
-Run ``python benchmarks/speed.py [NAME ...]``; without names every row that is not in ``docs/data/speed.json`` yet is
-measured, ``--again`` measures all. ``--write`` renews the table in ``docs/evidence.md``. Each row is measured in a
-process of its own, one after the other, with one thread of BLAS: compiled and read once, then the median of five times
-(of commands: after one that is not counted; silhouettes of films: of two; batches and the diagnosis: one time). Wall
-time depends on what else the machine does; processor time of all processes together does so less. ``dclab`` is
+Run ``python benchmarks/speed.py [NAME ...]``; without names every row that is not in ``evidence/results/speed.json``
+yet is measured, ``--again`` measures all. ``--write`` renews the table in ``docs/evidence.md``. Each row is measured in
+a process of its own, one after the other, with one thread of BLAS: compiled and read once, then the median of five
+times (of commands: after one that is not counted; silhouettes of films: of two; batches and the diagnosis: one time).
+Wall time depends on what else the machine does; processor time of all processes together does so less. ``dclab`` is
 `pip install dclab`.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from capsbayes.infer import Posterior
 
 ROOT = Path(__file__).parents[1]
-STORED, PAGE = ROOT / "docs" / "data" / "speed.json", ROOT / "docs" / "evidence.md"
+STORED, PAGE = ROOT / "evidence" / "results" / "speed.json", ROOT / "docs" / "evidence.md"
 BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
 CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
 BATCH = ROOT / "examples" / "shared_membrane"

@@ -59,7 +59,7 @@ def test_a_command_is_timed_with_the_processes_that_it_starts():
     assert 0.0 < found["processor"] < found["wall"] + 1.0
 
 
-EVIDENCE = BENCHMARKS.parent / "docs" / "evidence.md"
+EVIDENCE, RESULTS = BENCHMARKS.parent / "docs" / "evidence.md", BENCHMARKS.parent / "evidence" / "results"
 LAW = """
 from numba import njit
 
@@ -77,7 +77,21 @@ def test_the_table_of_mutants_is_that_of_the_last_run():
     assert {name: set(modules) for name, modules in done.items()} == {
         name: set(room.modules) for name, room in mutation.ROOMS.items()
     }
-    assert mutation.table(done) in EVIDENCE.read_text()
+    assert mutation.table(done) in (RESULTS / "mutants.md").read_text()
+    ends = [sum(len(entry[end]) for of in done.values() for entry in of.values()) for end in ("killed", "alive")]
+    assert f"{ends[0]} of {sum(ends)} mistakes" in EVIDENCE.read_text()
+
+
+def test_the_page_of_evidence_counts_the_targets_of_times_and_of_the_verification():
+    page, stored = EVIDENCE.read_text(), json.loads(speed.STORED.read_text())
+    wanted = {name: speed.ROWS[name].wanted for name in stored if speed.ROWS[name].wanted}
+    missed = sum(stored[name]["wall"] > most for name, most in wanted.items())
+    assert f"Of the {len(wanted)} times that were wanted {missed} are missed" in page
+    topics = re.findall(
+        r"^\| \[.*?\| (\d+) \| (\d+) \| 0 \|", (RESULTS / "verification" / "verification.md").read_text(), re.M
+    )
+    met, missed = (sum(map(int, column)) for column in zip(*topics, strict=True))
+    assert f"{met} of {met + missed} targets met" in page
 
 
 def test_mutants_that_are_said_to_change_no_result_exist():

@@ -1,6 +1,7 @@
 """Capsules with random membranes are stored as drawn, and the table of coverage is that of what was identified."""
 
 import json
+from pathlib import Path
 
 import membrane_batches
 import membrane_coverage
@@ -15,6 +16,7 @@ from capsbayes.profile import Profile
 from capsbayes.show.words.posterior import BEYOND_LAWS
 
 CAPSULES = membrane_pools.stored("capsules")
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,11 @@ def test_the_page_shows_what_batches_are_expected_to_tell_and_what_they_tell():
     before, after = membrane_sensitivity.MAP_MARKS
     of_one = json.loads(membrane_sensitivity.MAP.read_text())
     assert before + membrane_sensitivity.map_table(of_one) + after in page
+    guide = " ".join((DOCS / "planning.md").read_text().split())
+    for kind, words in (("lengths", "with lengths"), ("outline", "with outlines")):
+        first, last = (same[kind][flows]["surface_shear_modulus"] for flows in ("1", "4"))
+        assert f"from {first:.2g} to {last:.2g} {words}" in guide
+    assert f"median standard deviation {of_one['quantiles']['unknown_lengths']['median']:.2g}" in guide
     assert of_one["model_sha256"] == membrane_coverage.model("unknown").sha256, "the map is of another model"
     expected, found = stored["lengths"]["surface_shear_modulus"][:2]
     assert found == pytest.approx(expected, rel=0.1)
@@ -88,6 +95,39 @@ def test_the_page_shows_what_batches_tell():
     for name, (before, after) in membrane_batches.MARKS.items():
         assert before + shown[name] + after in page
     assert f"{stored['tail']:g} of its standard deviations" in page
+
+
+def test_the_guides_state_the_stored_counts(counts):
+    batches = json.loads(membrane_batches.STORED.read_text())["coverage"]
+    guide, limits = (" ".join((DOCS / page).read_text().split()) for page in ("membrane.md", "limits.md"))
+
+    def used(row):
+        return row["capsules"] - row["refused"]
+
+    def share(row, quantity="surface_shear_modulus"):
+        return f"{row[f'{quantity} 95'] / used(row):.1%}".replace("%", " %")
+
+    one = counts["capsules"]
+    lengths, outline = (one[f"{kind}, unknown"] for kind in ("lengths", "outline"))
+    assert f"for {share(lengths)} of {used(lengths)} capsules measured by lengths" in guide
+    assert f"and {share(outline)} of {used(outline)} measured by outlines" in guide
+    others = [share(row, name) for row in (lengths, outline) for name in list(membrane_coverage.QUANTITIES)[1:]]
+    assert f"for {min(others).removesuffix(' %')} to {max(others)}" in guide
+    lengths, outline = (one[f"{kind}, neo-Hookean"] for kind in ("lengths", "outline"))
+    assert f"hold the truth for {share(lengths)} (lengths)" in guide
+    assert f"for {outline['refused']} of {outline['capsules']} capsules, which are refused" in guide
+    assert f"lengths for {lengths['refused']} of {lengths['capsules']}" in guide
+    hooke, other = (counts["others"][f"outline, {law}"] for law in ("generalised Hooke", "Evans-Skalak"))
+    for page in (guide, limits):
+        assert f"for {share(hooke).replace('.0', '')} of {used(hooke)} Hooke capsules" in page
+        assert f"for {share(other).replace('.0', '')} of {used(other)} of Evans and Skalak" in page
+        of_all = batches["outline, unknown"]
+        assert f"in {of_all['surface_shear_modulus 95']} of {of_all['surface_shear_modulus']} batches" in page
+    later = batches[f"outline, unknown (batches {membrane_batches.CHOSEN_ON + 1} on)"]
+    assert f"in {later['surface_shear_modulus 95']} of {later['surface_shear_modulus']} that were drawn after" in guide
+    assert f"deviation of ln G_s is {of_all['log_modulus_sd']:.2g}" in guide
+    each = of_all["surface_shear_modulus_each 95"] / of_all["surface_shear_modulus_each"]
+    assert f"of single capsules for {each:.1%}".replace("%", " %") in guide
 
 
 @pytest.mark.parametrize("kind", membrane_coverage.KINDS)

@@ -11,7 +11,7 @@ import sys
 
 from equations import with_mathml
 from from_code import COMMANDS, commands, with_tables
-from neighbours import DOCS, NEIGHBOURS, PICTURES, ROOT, with_links
+from neighbours import DOCS, NEIGHBOURS, PICTURES, RESULTS, ROOT, with_links
 from notebooks import NOTEBOOKS, page_of
 
 TARGET = ROOT / "build" / "docs"
@@ -22,6 +22,7 @@ def main() -> int:
     """Write all pages anew; the exit status is 1 where an equation contains a command that is not supported."""
     shutil.rmtree(TARGET, ignore_errors=True)
     shutil.copytree(ROOT / DOCS, TARGET, ignore=LEFT_OUT)
+    shutil.copytree(ROOT / RESULTS, TARGET / RESULTS, ignore=LEFT_OUT)
     for path in (*NEIGHBOURS, *PICTURES):
         (TARGET / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, TARGET / path)

@@ -1,4 +1,4 @@
-"""The pages of the site that are stored outside docs/ (data, how to contribute), and the links to them."""
+"""The pages of the site that are stored outside docs/ (data, results, how to contribute), and the links to them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DOCS = "docs"
+RESULTS = "evidence/results"
 NEIGHBOURS = ("data/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 PICTURES = ("examples/ovalbumin/outline.png",)
 LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)")
@@ -20,7 +21,7 @@ def with_links(markdown: str, here: str, site: Container[str]) -> str:
     The page is stored in the site at `here`; a link to a file that is not in the site stays as it is, and the strict
     build reports it.
     """
-    lies = here if here in NEIGHBOURS else f"{DOCS}/{here}"
+    lies = here if here in NEIGHBOURS or here.startswith(RESULTS) else f"{DOCS}/{here}"
 
     def resolved(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(lies), link[1]))

@@ -46,6 +46,9 @@ def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
     page.locator(".bench-corner img").wait_for()
     assert page.evaluate("document.documentElement.scrollWidth") == 1400
     kept(page, "bench-wide", tmp_path, ".bench-columns")  # before the place of the files is shown
+    page.set_viewport_size({"width": 1400, "height": 1180})
+    page.evaluate("window.scrollTo(0, 0)")
+    kept(page, "bench-top", tmp_path)
     ready(page.get_by_role("button", name="Save the report")).click()
     link = page.get_by_role("link", name="Open the report")
     link.wait_for()

@@ -16,7 +16,7 @@ from capsbayes.infer.outline import askew_size
 from capsbayes.status import Status
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"
-PAGE = Path(__file__).parents[2] / "docs" / "real-capsule.md"
+PAGE = Path(__file__).parents[2] / "evidence" / "results" / "real-capsule.md"
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "capsule_tube"
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")

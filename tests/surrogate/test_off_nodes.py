@@ -54,6 +54,16 @@ def prediction(name, **theta):
     return found.values[0], np.sqrt(np.diag(found.covariance[0]))
 
 
+def test_the_page_of_the_databases_states_the_range_of_the_table():
+    weak = ("bending", "corner radius", "strain hardening", "hooke share")
+    rms = {key: [float(z) for z in cells[4].split(",")] for key, cells in shown().items() if key[1] != "nodes"}
+    of_weak = [z for (_, where), all_z in rms.items() if where.startswith(weak) for z in all_z]
+    page = " ".join((PAGE.parents[2] / "docs" / "databases.md").read_text(encoding="utf-8").split())
+    whole = [z for all_z in rms.values() for z in all_z]
+    assert f"difference over stated error is {min(whole):.1f} to {max(whole):.1f}:" in page
+    assert f"share of Hooke's law it is {min(of_weak):.1f} to {max(of_weak):.1f}:" in page
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_at_its_own_nodes_a_surrogate_gives_the_shapes_of_its_database(name):
     database = Database.open(name)

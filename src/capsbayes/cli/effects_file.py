@@ -26,7 +26,7 @@ EffectsFile = Annotated[
 ]
 
 _MODULE = "capsbayes_effects_file"  # under which classes of the file can be pickled
-_ADVICE = "see docs/tutorials/own-effect.md"
+_ADVICE = "see docs/diagnosing.md#an-effect-of-your-own"
 
 
 @dataclass(frozen=True)

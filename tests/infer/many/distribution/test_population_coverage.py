@@ -31,6 +31,13 @@ def test_the_page_shows_the_stored_counts(benchmark, counts):
     assert before + benchmark.table(counts) + after in benchmark.PAGE.read_text()
 
 
+def test_the_guide_states_the_share_of_intervals_that_hold_with_and_without_the_correction(benchmark, counts):
+    held = {name: counts[name]["surface_shear_modulus 95"] / counts[name]["sessions"] for name in counts}
+    words = " ".join((ROOT / "docs" / "many-capsules.md").read_text().split())
+    assert f"held the truth in {held['lost']:.1%}".replace("%", " %") in words
+    assert f"without the correction in {held['lost, ignored']:.1%}".replace("%", " %") in words
+
+
 def test_there_are_200_sessions_of_each_kind(benchmark, counts):
     assert list(counts) == [name for name in benchmark.ROWS if name in counts]
     assert all(row["sessions"] >= 200 for row in counts.values())

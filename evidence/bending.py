@@ -1,7 +1,7 @@
 """What the two bending energies do: beside an independent shell, in a square channel, and in a tube as B falls.
 
-``python docs/bending.py`` computes what is missing of ``docs/data/bending.json`` and writes the page
-``docs/bending.md``; with ``--page`` it writes the page of the stored results.
+``python evidence/bending.py`` computes what is missing of ``evidence/results/bending.json`` and writes the page
+``evidence/results/bending.md``; with ``--page`` it writes the page of the stored results.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.continuation.branches import parachute
+from capsbayes.physics.surface.octasphere import prolonged
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Simulator
 from capsbayes.arrays import Floats
-from capsbayes.physics.continuation import parachute
-from capsbayes.physics.load import profile
-from capsbayes.physics.steady import Iterate, steady_state
-from capsbayes.physics.surface import prolonged
 
-HERE = Path(__file__).parent
-STORE, PAGE = HERE / "data" / "bending.json", HERE / "bending.md"
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "evidence" / "results"
+STORE, PAGE = RESULTS / "bending.json", RESULTS / "bending.md"
 ENERGIES = ("displacement", "curvature")
 SHELL = [(height, n) for height in (0.8, 0.5) for n in (6, 8, 12)]
 CHANNEL = [  # refinement, Ca, a/l, B
@@ -43,7 +45,7 @@ Row = list[float]
 
 def shell(height: float, refinement: int) -> Row:
     """Return the rms distance from the independent shell for each energy."""
-    sys.path.insert(0, str(HERE.parent / "tests" / "support"))
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
     from pressed_shell import distances
 
     return [float(np.sqrt(np.mean(distances(refinement, energy, height) ** 2))) for energy in ENERGIES]
@@ -172,8 +174,8 @@ def differences(row: Row) -> str:
 
 TEXT = f"""# Bending
 
-Made by `python docs/bending.py`. M2 and M2a of the [method](method.md) define the two energies: that of the change
-of curvature (Koiter's), and that of the displacement, with which the databases were made.
+Made by `python evidence/bending.py`. M2 and M2a of the [method](../../docs/method.md) define the two energies: that of
+the change of curvature (Koiter's), and that of the displacement, with which the databases were made.
 
 ## Compared with an independent shell
 

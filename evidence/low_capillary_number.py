@@ -1,9 +1,10 @@
 """Shapes at low Ca: which exist, which are stable, and which one a capsule started from rest reaches.
 
-``python docs/low_capillary_number.py`` traces the branches, follows capsules from rest, and writes the page
-``docs/low-capillary-number.md`` with its pictures. The results are kept in ``docs/data/low-capillary-number.json``;
-run again, the script computes only what is missing. With ``--page`` it computes nothing and writes the page of the
-stored results; with a word such as ``exact`` it computes the results whose name begins with it.
+``python evidence/low_capillary_number.py`` traces the branches, follows capsules from rest, and writes the page
+``evidence/results/low-capillary-number.md`` with its pictures. The results are kept in
+``evidence/results/low-capillary-number.json``; run again, the script computes only what is missing. With ``--page`` it
+computes nothing and writes the page of the stored results; with a word such as ``exact`` it computes the results whose
+name begins with it.
 """
 
 from __future__ import annotations
@@ -18,20 +19,23 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from capsbayes.physics.capsule.outlines import profile
+from capsbayes.physics.capsule.problem import Iterate, Problem
+from capsbayes.physics.capsule.steady_state import steady_state
+from capsbayes.physics.capsule.transient import growth_rates, transient
+from capsbayes.physics.continuation.arclength import fold, traced
+from capsbayes.physics.continuation.branches import near_rest, parachute
+from capsbayes.physics.continuation.settling import is_shallow, settled
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Simulator
-from capsbayes.physics.continuation import fold, is_shallow, near_rest, parachute, settled, traced
-from capsbayes.physics.load import profile
-from capsbayes.physics.steady import Iterate, Problem, steady_state
-from capsbayes.physics.transient import growth_rates, transient
 
 matplotlib.use("agg")
 import matplotlib.pyplot as plt
 
-HERE = Path(__file__).parent
-STORE = HERE / "data" / "low-capillary-number.json"
-PAGE = HERE / "low-capillary-number.md"
+RESULTS = Path(__file__).parent / "results"
+STORE = RESULTS / "low-capillary-number.json"
+PAGE = RESULTS / "low-capillary-number.md"
 FINE, COARSE = 12, 8
 BENDING = 2e-4
 BRANCH_SIZES = (0.75, 0.9, 1.1)
@@ -174,7 +178,7 @@ def draw_branches(known: Results) -> Path:
         finish(axis, size)
     axes[0].set_ylabel("L_z / 2a (full, +), L_a / 2a (dashed, x)")
     axes[0].legend(fontsize=8, loc="lower left")
-    path = HERE / "pictures" / "low-branches.png"
+    path = RESULTS / "pictures" / "low-branches.png"
     figure.savefig(path, dpi=110)
     plt.close(figure)
     return path
@@ -205,7 +209,7 @@ def draw_settings(known: Results) -> Path:
         axis.set_ylabel("L_z / 2a (o), L_a / 2a (x)")
         if axis.lines:
             axis.legend(fontsize=8)
-    path = HERE / "pictures" / "low-settings.png"
+    path = RESULTS / "pictures" / "low-settings.png"
     figure.savefig(path, dpi=110)
     plt.close(figure)
     return path
@@ -268,7 +272,7 @@ def page(known: Results) -> str:
     lines = [
         "# Shapes at low capillary number",
         "",
-        "Made by `python docs/low_capillary_number.py`: square channel, neo-Hookean membrane, bending "
+        "Made by `python evidence/low_capillary_number.py`: square channel, neo-Hookean membrane, bending "
         f"stiffness B = {BENDING:g} G_s a^2 unless stated otherwise.",
         "",
         "A capsule started from rest at a very low Ca keeps a convex rear. Its membrane is compressed there, and a "
