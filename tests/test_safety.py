@@ -11,7 +11,7 @@ from capsbayes.quantity import Quantity
 
 SOURCE = Path(__file__).parents[1] / "src" / "capsbayes"
 # copies within one program: tasks sent to worker processes, and the check that a user's own law can be sent
-COPIES = {"work/workers.py": {"cloudpickle"}, "testing.py": {"pickle"}}
+COPIES = {"run.py": {"cloudpickle"}, "testing.py": {"pickle"}}
 ASKED_FOR = {"cli/effects_file.py": {"compile", "exec", "cloudpickle"}}  # the file that --effects names is run
 READS_OBJECTS = {"pickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
 EVALUATES = {"eval", "exec", "compile", "__import__"}
@@ -33,7 +33,7 @@ def dangers(node):
 def test_no_module_unpickles_or_evaluates():
     files = {file.relative_to(SOURCE).as_posix(): ast.parse(file.read_text("utf-8")) for file in SOURCE.rglob("*.py")}
     found = {name: {danger for node in ast.walk(tree) for danger in dangers(node)} for name, tree in files.items()}
-    assert len(files) > 250
+    assert len(files) > 100
     assert {name: words for name, words in found.items() if words} == COPIES | ASKED_FOR
 
 
