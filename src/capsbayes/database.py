@@ -25,7 +25,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import DatabaseError
 from capsbayes.files.output_file import write_dataset
 from capsbayes.parameters import PARAMETERS
@@ -287,7 +287,7 @@ class Database(StoredStates):
     def at_value(self, value: float) -> Database:
         """Return the cases and borders of one value of the effect, with the hash of the whole database."""
         chosen = {
-            dimension: np.flatnonzero(self[name] == value)
+            dimension: _rows(self[name] == value)
             for dimension, name in (("case", "effect_value"), ("border", "border_effect_value"))
         }
         return Database(self.dataset.isel(chosen))
@@ -306,7 +306,7 @@ class Database(StoredStates):
     @property
     def converged(self) -> Database:
         """The cases whose status is ``DONE``, with the hash of the whole database."""
-        return Database(self.dataset.isel(case=np.flatnonzero(self["status"] == Status.DONE.name)))
+        return Database(self.dataset.isel(case=_rows(self["status"] == Status.DONE.name)))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the hash, the number of cases and how many ended with each status, ready for JSON."""
@@ -388,6 +388,13 @@ def shipped_folders(kind: str = Database.FOLDER) -> tuple[Path, ...]:
     """Return the folders of shipped files of a kind: in the installed package, and in the source tree."""
     package = Path(__file__).resolve().parent
     return package / kind, package.parents[1] / "data" / kind
+
+
+def _rows(chosen: Booleans) -> slice | Integers:
+    """Return the rows that are chosen, as a slice where they follow each other: arrays are views then, not copies."""
+    rows = np.flatnonzero(chosen)
+    together = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1
+    return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
 
 
 def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -109,13 +109,18 @@ def test_a_measurement_made_elsewhere_distinguishes_look_alikes(model):
 @pytest.mark.parametrize(
     ("truth", "cross_section", "name", "size"),
     [
-        (MembraneSurrogate.open("square").fixed(area_dilation_modulus=1.5), "square", "area_dilation_modulus", 1.5),
-        (Surrogate.open("circular-skalak"), "circular", "strain_hardening", 1.0),
+        (
+            lambda: MembraneSurrogate.open("square").fixed(area_dilation_modulus=1.5),
+            "square",
+            "area_dilation_modulus",
+            1.5,
+        ),
+        (lambda: Surrogate.open("circular-skalak"), "circular", "strain_hardening", 1.0),
     ],
     ids=("area dilation modulus", "hardening in a tube"),
 )
 def test_the_membrane_is_named_from_the_states_over_all_its_parameters(truth, cross_section, name, size):
-    drawn, known = drawn_session(truth, CAPSULES, seed=5, outline=True)
+    drawn, known = drawn_session(truth(), CAPSULES, seed=5, outline=True)
     session = Session(drawn.measurements, replace(EXPERIMENT, cross_section=cross_section))
     study = diagnose(session, Surrogate.open(f"{cross_section}-neo-hookean"), seed=1)
     assert (study.verdict, study.names) == (Verdict.NAMED, (name,))

@@ -4,20 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from membrane_model import MembraneModel
+from membrane_model import RANGES, MembraneModel
 
 from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.verdict import RANGE, leanings, range_leanings, shares_by_kind, verdict
 from capsbayes.status import Status
 
-MODEL = MembraneModel()
 NAMES = ("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending")
 
 
 @pytest.fixture(scope="module")
-def prior(experiment):
+def model():
+    return MembraneModel()
+
+
+@pytest.fixture(scope="module")
+def prior(model, experiment):
     """The prior with the ranges of the model for what is not stated."""
-    return exact_engine(MODEL, experiment).prior
+    return exact_engine(model, experiment).prior
 
 
 def draws(**places):
@@ -26,7 +30,7 @@ def draws(**places):
     The share is that from the lower to the upper end where the density is highest; None for one as the prior.
     """
     random, made = np.random.default_rng(1), {}
-    for name, ends in MODEL.coordinates.items():
+    for name, ends in RANGES.items():
         place, share = places.get(name, 0.5), random.uniform(size=20_000)
         if place is not None:  # narrow, and folded back at the ends
             share = np.abs(place + 0.05 * random.standard_normal(20_000))
@@ -40,37 +44,38 @@ def draws(**places):
     return made
 
 
-def status(prior, **places):
-    return verdict((), None, leanings(draws(**places), MODEL, prior))
+@pytest.fixture(scope="module")
+def status(model, prior):
+    return lambda **places: verdict((), None, leanings(draws(**places), model, prior))
 
 
-def test_a_posterior_at_the_ends_of_several_ranges_leans_on_the_border(prior):
+def test_a_posterior_at_the_ends_of_several_ranges_leans_on_the_border(status):
     """As that of the real capsule in a tube: every one of them looks narrow, and none is where the model has more."""
-    assert status(prior, area_dilation_modulus=0.0, bending=1.0) is Status.LEANS_ON_BORDER
-    assert status(prior, area_dilation_modulus=0.0, bending=1.0, strain_hardening=1.0) is Status.LEANS_ON_BORDER
+    assert status(area_dilation_modulus=0.0, bending=1.0) is Status.LEANS_ON_BORDER
+    assert status(area_dilation_modulus=0.0, bending=1.0, strain_hardening=1.0) is Status.LEANS_ON_BORDER
 
 
-def test_one_within_its_ranges_or_at_one_end_alone_does_not(prior):
-    assert status(prior) is Status.DONE
-    assert status(prior, bending=1.0) is Status.DONE
+def test_one_within_its_ranges_or_at_one_end_alone_does_not(status):
+    assert status() is Status.DONE
+    assert status(bending=1.0) is Status.DONE
 
 
-def test_a_parameter_that_the_data_do_not_tell_fills_its_range(prior):
-    assert range_leanings(draws(**dict.fromkeys(NAMES)), MODEL, prior) == {}
-    assert status(prior, **dict.fromkeys(NAMES)) is Status.DONE
+def test_a_parameter_that_the_data_do_not_tell_fills_its_range(model, prior, status):
+    assert range_leanings(draws(**dict.fromkeys(NAMES)), model, prior) == {}
+    assert status(**dict.fromkeys(NAMES)) is Status.DONE
 
 
-def test_a_neo_hookean_membrane_without_inflation_is_at_no_border(prior):
+def test_a_neo_hookean_membrane_without_inflation_is_at_no_border(model, prior, status):
     """No inflation and no hardening are ends of ranges, and the null values of the model."""
-    found = range_leanings(draws(pre_inflation=0.0, strain_hardening=0.0), MODEL, prior)
+    found = range_leanings(draws(pre_inflation=0.0, strain_hardening=0.0), model, prior)
     assert found[f"{RANGE}pre_inflation"] < 0.01
     assert found[f"{RANGE}strain_hardening"] < 0.01
-    assert status(prior, pre_inflation=0.0, strain_hardening=0.0) is Status.DONE
+    assert status(pre_inflation=0.0, strain_hardening=0.0) is Status.DONE
 
 
-def test_bending_of_a_known_thickness_has_no_range(prior):
+def test_bending_of_a_known_thickness_has_no_range(model, prior):
     by_thickness = replace(prior, coordinates={name: prior.coordinates[name] for name in NAMES if name != "bending"})
-    assert f"{RANGE}bending" not in range_leanings(draws(bending=1.0), MODEL, by_thickness)
+    assert f"{RANGE}bending" not in range_leanings(draws(bending=1.0), model, by_thickness)
 
 
 def test_the_share_of_several_ranges_is_the_second_largest():

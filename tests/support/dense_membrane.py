@@ -8,7 +8,7 @@ AREA_CENTRES, HARDENING_CENTRES, INFLATION_CENTRES = 60, 40, 40
 
 
 class DenseMembrane:
-    """Weights over (Ca of the plain model, a/l, K, h); the other two coordinates are independent of these.
+    """Sums of weights over (Ca of the plain model, a/l, K, h); the other two coordinates are independent of these.
 
     The prior of G_s is log-uniform and that of a uniform, so that the density is flat over log Ca and a/l; the domain
     lies in the Ca that the plain model has after the inflation, whose prior is left as it is.
@@ -30,7 +30,9 @@ class DenseMembrane:
         shares = area_shares[0] + np.diff(area_shares) * (np.arange(AREA_CENTRES) + 0.5) / AREA_CENTRES
         self.area = np.exp(ends[0] + np.diff(ends) * shares)
         self.hardening = (np.arange(HARDENING_CENTRES) + 0.5) / HARDENING_CENTRES
-        self.weights = np.empty((len(self.size), AREA_CENTRES, HARDENING_CENTRES), dtype=np.float32)
+        # all weights together would be half a gigabyte: these are their sums
+        self.of_node, self.of_membrane = np.zeros(len(self.size)), np.empty((AREA_CENTRES, HARDENING_CENTRES))
+        self.mean_of_membrane = np.empty_like(self.of_membrane)  # of ln(Ca v_o/U)
         for place, area in enumerate(self.area):
             shorter = model.shorter * np.log(area / RANGES["area_dilation_modulus"].null_value)
             z = (capsule.axial_extent - lengths[:, 0] + shorter)[:, None]
@@ -38,14 +40,18 @@ class DenseMembrane:
             square = (
                 inverse[:, 0, 0, None] * z**2 + inverse[:, 1, 1, None] * a**2 + 2.0 * inverse[:, 0, 1, None] * z * a
             )
-            self.weights[:, place] = np.exp(-0.5 * square) / np.sqrt(volume)[:, None]
-        self.weights /= self.weights.sum(dtype=np.float64)
+            weights = np.exp(-0.5 * square) / np.sqrt(volume)[:, None]
+            self.of_node += weights.sum(axis=1)
+            self.of_membrane[place] = weights.sum(axis=0)
+            sums = (self.log_ca + np.log(self.ratio)) @ weights
+            self.mean_of_membrane[place] = sums / np.maximum(self.of_membrane[place], np.finfo(float).tiny)
+        self.of_node /= self.of_node.sum()
+        self.of_membrane /= self.of_membrane.sum()
 
     def of_nodes(self, values):
         """Mean and standard deviation of a function of the nodes."""
-        weights = self.weights.sum(axis=(1, 2), dtype=np.float64)
-        mean = weights @ values
-        return mean, np.sqrt(weights @ (values - mean) ** 2)
+        mean = self.of_node @ values
+        return mean, np.sqrt(self.of_node @ (values - mean) ** 2)
 
     def log_modulus_sd(self, relative_errors):
         """Standard deviation of ln G_s: of shape, inflation and the relative errors of the inputs, all independent."""
@@ -55,11 +61,11 @@ class DenseMembrane:
 
     def ends_68(self, name):
         """The 68 % interval of K or of h."""
-        axes, centres = {
-            "area_dilation_modulus": ((0, 2), np.log(self.area)),
-            "strain_hardening": ((0, 1), self.hardening),
+        axis, centres = {
+            "area_dilation_modulus": (1, np.log(self.area)),
+            "strain_hardening": (0, self.hardening),
         }[name]
-        masses, step = self.weights.sum(axis=axes, dtype=np.float64), np.diff(centres[:2])[0]
+        masses, step = self.of_membrane.sum(axis=axis), np.diff(centres[:2])[0]
         edges = np.append(centres - 0.5 * step, centres[-1] + 0.5 * step)
         ends = np.interp([0.16, 0.84], np.append(0.0, np.cumsum(masses)), edges)
         return np.exp(ends) if name == "area_dilation_modulus" else ends

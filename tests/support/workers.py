@@ -1,4 +1,4 @@
-"""The worker processes of pytest: they give memory back after each file of tests, and their peaks are printed."""
+"""The worker processes of pytest: they give memory back after each file of tests, and their peaks are bounded."""
 
 import ctypes
 import gc
@@ -6,6 +6,10 @@ import resource
 import sys
 
 import pytest
+
+MOST = 1.5  # GB, of a run without slow tests
+KEPT = [("capsbayes.surrogate.open", name) for name in ("joint_surrogate", "corrected_membrane", "plain_membrane")]
+KEPT += [("capsbayes.infer.identify", "_begun"), ("capsbayes.app.identifying", "_opened")]
 
 
 class Worker:
@@ -33,7 +37,8 @@ class Worker:
 class Controller:
     """Plugin of the process that runs the workers."""
 
-    def __init__(self):
+    def __init__(self, config):
+        self.most = MOST if sys.platform == "linux" and config.option.markexpr == "not slow" else float("inf")
         self.peaks = {}
 
     def pytest_testnodedown(self, node):
@@ -41,17 +46,21 @@ class Controller:
         if "peak_memory" in output:
             self.peaks[node.gateway.id] = output["peak_memory"]
 
+    def pytest_sessionfinish(self, session):
+        if session.exitstatus == pytest.ExitCode.OK and any(peak > self.most for peak, _ in self.peaks.values()):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
     def pytest_terminal_summary(self, terminalreporter):
         for name, (peak, at) in self.peaks.items():
-            terminalreporter.write_line(f"Peak memory of {name}: {peak:.2f} GB, in {at}")
+            failed = f": the run fails, as it is more than {self.most} GB" if peak > self.most else ""
+            terminalreporter.write_line(f"Peak memory of {name}: {peak:.2f} GB, in {at}{failed}")
 
 
 def give_back():
     """Forget models that are kept for later, and give freed memory back to the system where its C library can do so."""
-    kept = sys.modules.get("capsbayes.surrogate.open")
-    for name in ("joint_surrogate", "corrected_membrane", "plain_membrane"):
-        if kept is not None:
-            getattr(kept, name).cache_clear()
+    for module, name in KEPT:
+        if module in sys.modules:
+            getattr(sys.modules[module], name).cache_clear()
     gc.collect()
     if hasattr(library := ctypes.CDLL(None), "malloc_trim"):
         library.malloc_trim(0)
@@ -68,4 +77,4 @@ def register(config):
     if hasattr(config, "workerinput"):
         config.pluginmanager.register(Worker())
     elif config.pluginmanager.hasplugin("dsession"):
-        config.pluginmanager.register(Controller())
+        config.pluginmanager.register(Controller(config))

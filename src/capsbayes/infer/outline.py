@@ -336,6 +336,7 @@ def rear_direction(outline: Floats, place: Floats, normal: Floats) -> Floats:
 # picture, whose error it shares
 
 _SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
+_PART = 2000  # predicted outlines at a time, at most
 
 
 class SilhouetteLength(NamedTuple):
@@ -520,9 +521,13 @@ class OutlineLikelihood:
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
         """Return the log density given the predictions of a model at n points : (n,) array, NaN outside its domain."""
-        predicted = model(theta, outline=True)
-        assert predicted.outline is not None, "asked for"
-        return self.log_density(predicted.outline, predicted.axial_length)
+        parts = (np.array_split(values, 1 + len(values) // _PART) for values in theta.values())
+        found = []
+        for part in zip(*parts, strict=True):  # an outline takes hundreds of times the memory of its density
+            predicted = model(dict(zip(theta, part, strict=True)), outline=True)
+            assert predicted.outline is not None, "asked for"
+            found.append(self.log_density(predicted.outline, predicted.axial_length))
+        return np.concatenate(found)
 
 
 def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "measurement") -> None:

@@ -8,7 +8,7 @@ along z. The velocity that the membrane induces is compiled; Stokeslets outside 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numba
@@ -677,7 +677,7 @@ def _mirrored_columns(matrix: Floats) -> Floats:
     return matrix * np.tile(_MIRROR, matrix.shape[1] // 3)
 
 
-@cache
+@lru_cache(maxsize=4)  # 40 MB each
 def wall_operator(channel: Channel, walls: WallDiscretisation) -> WallOperator:
-    """Return the operator of a channel; the same object for the same arguments."""
+    """Return the operator of a channel; kept for later calls."""
     return WallOperator(channel, walls)

@@ -48,6 +48,7 @@ NEIGHBOURS = 20
 DILATION = 2.0
 SOFTENING = 0.03
 SMALLEST_PIVOT = 1e-14
+_PART = 1000  # queries, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +103,16 @@ class DiffuseApproximation:
 
     def __call__(self, queries: Floats) -> Floats:
         """Return the values at the queries : (n, 2) -> (n, q) array."""
-        return np.asarray(_weighted(self._shapes(queries, slopes=False)[0], self.values))
+        parts = (self._shapes(some, slopes=False)[0] for some in _parted(queries))
+        return np.concatenate([_weighted(share, self.values) for share in parts])
 
     def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
         """Return the values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
-        share, slope = self._shapes(queries, slopes=True)
-        return _weighted(share, self.values), np.stack([_weighted(along, self.values) for along in slope], axis=-1)
+        values, gradients = [], []
+        for share, slope in (self._shapes(some, slopes=True) for some in _parted(queries)):
+            values.append(_weighted(share, self.values))
+            gradients.append(np.stack([_weighted(along, self.values) for along in slope], axis=-1))
+        return np.concatenate(values), np.concatenate(gradients)
 
     def shape_functions(self, queries: Floats) -> Floats:
         """Return the weight of each node in the value at each query : (n, 2) -> (n, m) array, rows of sum one."""
@@ -144,6 +149,11 @@ class DiffuseApproximation:
         share, slope = np.zeros(shape), np.zeros((2 if slopes else 0, *shape))
         _shape_functions(queries, self.nodes, self.radii, self.degree, self.softening, share, slope)
         return share, slope
+
+
+def _parted(queries: Floats) -> list[Floats]:
+    """Return parts of queries of which the weights of all nodes take little memory."""
+    return np.array_split(queries, 1 + len(queries) // _PART)
 
 
 def each_left_out(approximation: DiffuseApproximation) -> Iterator[DiffuseApproximation]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from math import factorial
 from types import MappingProxyType
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -612,6 +613,8 @@ class FixedDomain(Domain):
 
 SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading them takes most of the time
 
+_STACKS: WeakKeyDictionary[PlaneSurrogate, Stack] = WeakKeyDictionary()  # of the bases
+
 
 @dataclass(frozen=True, eq=False)
 class EffectSurrogate(ForwardModel):
@@ -665,7 +668,7 @@ class EffectSurrogate(ForwardModel):
             "coordinates": {coordinate: ends},
             "database": base.database,
             "_stack": _stacked(slices, borders, null),
-            "_base_stack": _stacked([base], [base_borders], 0),
+            "_base_stack": _shared(base, _stacked([base], [base_borders], 0)),
         }
         for name, value in made.items():
             object.__setattr__(self, name, value)
@@ -826,6 +829,12 @@ def _cardinal(values: Floats, borders: list[Borders], scale: Scale) -> tuple[Int
         ]
         left_out = np.concatenate([left_out, np.nan_to_num(other)[:, :, None]], axis=2)
     return rows, cubics, left_out, ends
+
+
+def _shared(base: PlaneSurrogate, stack: Stack) -> Stack:
+    """Return the stack of a base with the tables that are the same for all effects on it."""
+    first = _STACKS.setdefault(base, stack)
+    return stack._replace(coefficients=first.coefficients, errors=first.errors, jumps=first.jumps)
 
 
 def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders], null: int) -> Stack:

@@ -294,18 +294,16 @@ def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> L
     """Fit the polynomials to values (n, q) and their derivatives (n, q, 6) at scaled places (n, 6)."""
     distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
     radii = 1.05 * distances[:, _NEIGHBOURS - 1]
-    fitted, misfits = [], []
+    coefficients, misfit = np.empty((len(places), values.shape[1], TERMS)), np.empty(len(places))
     for start in range(0, len(places), _CHUNK):
         some = slice(start, start + _CHUNK)
-        coefficients, misfit = _fitted(places, values, along, neighbours[some, :_NEIGHBOURS], radii[some])
-        fitted.append(coefficients)
-        misfits.append(misfit)
-    coefficients, misfit = _about_zero(np.concatenate(fitted), places, radii), np.concatenate(misfits)
+        fitted, misfit[some] = _fitted(places, values, along, neighbours[some, :_NEIGHBOURS], radii[some])
+        coefficients[some] = _about_zero(fitted, places[some], radii[some]).swapaxes(1, 2)
     usual = max(float(np.median(misfit)), np.finfo(np.float64).tiny)
     trust = 1.0 / (misfit / usual + _FLOOR**2)
     reaches = np.ascontiguousarray(distances[:, _REACH - 1])
     cells = Cells.of(places, reaches)
-    return LocalFits(places, reaches, trust, lost, cells, np.ascontiguousarray(coefficients.swapaxes(1, 2)))
+    return LocalFits(places, reaches, trust, lost, cells, coefficients)
 
 
 def _fitted(

@@ -418,6 +418,7 @@ class BranchSurrogate:
         table = HermiteTable.of(approximation.with_gradient, low, high, cells=self.cells, wanted=wanted)
         steps = (self.scaling.ca_step, self.scaling.size_step, *table.origin, *table.step)
         made = {
+            "cases": Database(self.cases.dataset.drop_vars(list(OUTLINES.values()))),  # the outlines take most memory
             "approximation": approximation,
             "table": table,
             "_outlines": replace(approximation, values=outlines),

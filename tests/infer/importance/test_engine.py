@@ -77,9 +77,8 @@ def test_a_coordinate_that_the_lengths_do_not_tell_keeps_its_prior(posterior, na
 
 
 def test_all_coordinates_together_take_away_what_a_dense_quadrature_says(posterior, dense):
-    values, of_membrane = np.log(dense.ratio) + dense.log_ca, dense.weights.sum(axis=0, dtype=np.float64)
-    means = np.einsum("nkh,n->kh", dense.weights, values) / np.maximum(of_membrane, np.finfo(float).tiny)
-    of_shape = np.sum(of_membrane * (means - np.sum(of_membrane * means)) ** 2)
+    weights, means = dense.of_membrane, dense.mean_of_membrane
+    of_shape = np.sum(weights * (means - np.sum(weights * means)) ** 2)
     inflation = np.linspace(0.0, RANGES["pre_inflation"].high, 2001)
     wanted = of_shape + np.var(np.log(1.0 + STIFFER * inflation))
     found = posterior.variance_given_all("surface_shear_modulus")

@@ -68,7 +68,7 @@ def test_a_start_does_not_change_the_answer(batch):
 def test_draws_scatter_as_the_curvature_says(batch):
     """The mean of the population is known to the spread over the root of the number, and no better."""
     exact = replace(batch, rows=1e3 * batch.rows, target=1e3 * batch.target, scale_error=0.0)
-    count = 4000
+    count = 1500
     membranes, spreads = {"pre_inflation": np.full(count, 0.05)}, Spreads(np.full(count, 0.2), np.full(count, 0.05))
     known = Linear()
     capsules = Capsules(exact, known, log_viscosity=0.0)
