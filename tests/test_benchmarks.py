@@ -44,22 +44,11 @@ def test_a_benchmark_ends_well_and_prints_numbers(name):
     assert not NONE.search(done.stdout), done.stdout
 
 
-def test_the_table_of_times_is_that_of_the_last_run_and_has_a_number_in_each_cell():
-    stored = json.loads(speed.STORED.read_text())
-    printed = speed.table(stored)
-    assert speed.BEGIN + printed + speed.END in speed.PAGE.read_text()
-    assert stored.keys() <= speed.ROWS.keys()
-    assert not NONE.search(printed)
-    for row in stored.values():
-        assert row["wall"] > 0.0 < row["processor"]
-
-
 def test_a_command_is_timed_with_the_processes_that_it_starts():
     found = speed.clocked(lambda: subprocess.run([sys.executable, "-c", "sum(range(10**6))"], check=True), runs=1)
     assert 0.0 < found["processor"] < found["wall"] + 1.0
 
 
-EVIDENCE, RESULTS = BENCHMARKS.parent / "docs" / "evidence.md", BENCHMARKS.parent / "evidence" / "results"
 LAW = """
 from numba import njit
 
@@ -70,28 +59,6 @@ def area(length: float, width: float = 3.0) -> float:
     return length * width + 0
 """
 TEST = "from capsule.law import area\n\ndef test_area():\n    assert area(2.0) == 6.0\n"
-
-
-def test_the_table_of_mutants_is_that_of_the_last_run():
-    done = json.loads(mutation.DATA.read_text())
-    assert {name: set(modules) for name, modules in done.items()} == {
-        name: set(room.modules) for name, room in mutation.ROOMS.items()
-    }
-    assert mutation.table(done) in (RESULTS / "mutants.md").read_text()
-    ends = [sum(len(entry[end]) for of in done.values() for entry in of.values()) for end in ("killed", "alive")]
-    assert f"{ends[0]} of {sum(ends)} mistakes" in EVIDENCE.read_text()
-
-
-def test_the_page_of_evidence_counts_the_targets_of_times_and_of_the_verification():
-    page, stored = EVIDENCE.read_text(), json.loads(speed.STORED.read_text())
-    wanted = {name: speed.ROWS[name].wanted for name in stored if speed.ROWS[name].wanted}
-    missed = sum(stored[name]["wall"] > most for name, most in wanted.items())
-    assert f"Of the {len(wanted)} times that were wanted {missed} are missed" in page
-    topics = re.findall(
-        r"^\| \[.*?\| (\d+) \| (\d+) \| 0 \|", (RESULTS / "verification" / "verification.md").read_text(), re.M
-    )
-    met, missed = (sum(map(int, column)) for column in zip(*topics, strict=True))
-    assert f"{met} of {met + missed} targets met" in page
 
 
 def test_mutants_that_are_said_to_change_no_result_exist():
@@ -136,26 +103,6 @@ def test_a_mutant_of_a_compiled_function_is_run_and_what_is_done_is_kept(tmp_pat
     assert sum(line.startswith("alive") for line in lines) == 4
 
 
-def test_the_errors_of_the_membrane_model_are_those_of_the_page():
-    import membrane
-
-    shown = membrane.PAGE.read_text().partition(membrane.BEGIN)[2].partition(membrane.END)[0]
-    numbers = [[float(cell) for cell in line.split("|")[2:-1]] for line in shown.strip().splitlines()[2:]]
-    now = [[float(cell) for cell in line.split("|")[2:-1]] for line in membrane.table().strip().splitlines()[2:]]
-    assert len(numbers) == len(now) == 7
-    for one, other in zip(numbers, now, strict=True):
-        assert one == pytest.approx(other, rel=0.15)  # of two digits
-
-
-def test_the_table_of_conditions_is_that_of_the_last_run_of_all_conditions():
-    import conditions
-
-    done = json.loads(conditions.STORED.read_text())
-    assert list(done) == list(conditions.CONDITIONS)
-    assert {sum(numbers["statuses"].values()) for numbers in done.values()} == {100}
-    assert conditions.BEGIN + conditions.table(done) + conditions.END in conditions.PAGE.read_text()
-
-
 def test_the_tables_of_silhouettes_have_a_number_in_each_cell_and_a_place_on_the_page():
     import silhouettes
 
@@ -170,38 +117,6 @@ def test_the_tables_of_silhouettes_have_a_number_in_each_cell_and_a_place_on_the
     assert widths.splitlines()[2] == "| not seen | 2 px | 4 | 0.010 | 1 | 0.0010 | 0.03 |"
     for begin, end in silhouettes.MARKS:
         assert page.count(begin) == page.count(end) == 1
-
-
-def test_the_tables_of_silhouettes_are_those_of_the_last_run():
-    import silhouettes
-
-    done, page = json.loads(silhouettes.STORED.read_text()), silhouettes.PAGE.read_text()
-    assert sum(numbers["n"] + len(numbers["omitted"]) for numbers in done.values()) >= 80
-    made = silhouettes.coverage_table(done), silhouettes.width_table(done)
-    for (begin, end), table in zip(silhouettes.MARKS, made, strict=True):
-        assert begin + table + end in page
-
-
-def test_the_table_of_the_silhouettes_of_films_is_that_of_the_last_run():
-    import film_silhouettes
-
-    done = json.loads(film_silhouettes.STORED.read_text())
-    assert len(done) >= 40
-    shown = film_silhouettes.BEGIN + film_silhouettes.table(done) + film_silhouettes.END
-    assert shown in film_silhouettes.PAGE.read_text()
-    # wider than the best frame of its film by chance only: where both have little but the misfit that all frames share
-    assert max(film_silhouettes.ratios([one for one in done.values() if one.get("film")])) < 1.15
-
-
-def test_the_table_of_capsules_off_the_axis_is_that_of_the_last_run():
-    import off_axis
-
-    done = json.loads(off_axis.STORED.read_text())
-    assert len(done) == len(off_axis.CAPSULES)
-    assert off_axis.BEGIN + off_axis.table(done) + off_axis.END in off_axis.PAGE.read_text()
-    across = [each for rows in done.values() for each in rows if each["view"] == off_axis.VIEWS[0]]
-    held = {which: sum(each[which]["held"] for each in across) for which in ("with", "without")}
-    assert held["with"] > 0.8 * len(across) > held["without"]
 
 
 def test_half_of_a_channel_is_unfolded_from_its_eighth():

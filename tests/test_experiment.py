@@ -19,40 +19,22 @@ def written(tmp_path, text):
     return path
 
 
-def test_an_error_makes_a_distribution_and_no_error_a_number(tmp_path):
+def test_a_file_is_read_and_written_again(tmp_path):
     experiment = Experiment.read(written(tmp_path, GOOD))
-    assert experiment.cross_section == "square"
-    assert experiment.half_width.mean == pytest.approx(25e-6)
-    assert experiment.half_width.sd == pytest.approx(0.2e-6)
+    assert (experiment.cross_section, experiment.frame_rate, len(experiment.sha256)) == ("square", None, 64)
+    assert (experiment.half_width.mean, experiment.half_width.sd) == pytest.approx((25e-6, 0.2e-6))
     assert experiment.viscosity.value == pytest.approx(0.85)
     assert experiment.source.endswith("experiment.toml")
-    assert len(experiment.sha256) == 64
-    assert experiment.frame_rate is None
-
-
-def test_the_key_section_of_older_files_is_read(tmp_path):
     older = GOOD.replace("cross_section", "section")
     assert Experiment.read(written(tmp_path, older)).cross_section == "square"
-    with pytest.raises(InputError, match=r"section: expected one of cross_section, .* an unknown key"):
-        Experiment.read(written(tmp_path, GOOD + 'section = "circular"\n'))
-
-
-def test_the_rate_of_films_may_be_stated(tmp_path):
-    rate = Experiment.read(written(tmp_path, GOOD + 'frame_rate = "2.0 +/- 0.01 kHz"\n')).frame_rate
+    more = GOOD + 'frame_rate = "2.0 +/- 0.01 kHz"\nmembrane_thickness = "0.6 +/- 0.2 um"\n'
+    stated = Experiment.read(written(tmp_path, more))
+    rate, thickness = stated.frame_rate, stated.membrane_thickness
     assert (rate.value, rate.error, rate.unit) == (pytest.approx(2000.0), pytest.approx(10.0), "1/s")
-    with pytest.raises(InputError, match="frame_rate: expected a text in 1/s"):
-        Experiment.read(written(tmp_path, GOOD + 'frame_rate = "2000"\n'))
-
-
-def test_the_thickness_of_the_membrane_may_be_stated(tmp_path):
-    stated = Experiment.read(written(tmp_path, GOOD + 'membrane_thickness = "0.6 +/- 0.2 um"\n'))
-    thickness = stated.membrane_thickness
     assert (thickness.value, thickness.error, thickness.unit) == (pytest.approx(6e-7), pytest.approx(2e-7), "m")
     assert stated.described()["membrane_thickness"] == "0.6 +/- 0.2 µm"
     stated.write(tmp_path / "again.toml")
     assert Experiment.read(tmp_path / "again.toml").membrane_thickness == thickness
-    with pytest.raises(InputError, match=r"membrane_thickness: expected a value from .* m, got 0.6 m"):
-        Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, membrane_thickness=0.6)
 
 
 def test_a_sheet_of_incompressible_material_bends_like_a_plate():
@@ -70,17 +52,17 @@ def test_a_sheet_of_incompressible_material_bends_like_a_plate():
     [
         (("square", "triangular"), 'cross_section: expected "square" or "circular", got \'triangular\''),
         (("um", "Pa"), "half_width: expected a text in m like \"25.0 +/- 0.2 um\", got '25.0 +/- 0.2 Pa'"),
-        (("0.85", "-0.85"), "viscosity: expected a positive finite number"),
         (("0.85", "nan"), "viscosity: expected a positive finite number"),
         (
             ("viscosity", "viscocity"),
-            "viscocity: expected one of cross_section, half_width, viscosity, viscous_tension, frame_rate, exposure, "
-            "density, membrane_thickness, camera, got an unknown key",
+            "viscocity: expected one of cross_section, half_width, viscosity, viscous_tension",
         ),
         (('viscosity = "0.85 Pa s"', ""), "viscosity, viscous_tension: expected one of the two"),
         (('"0.85 Pa s"', '"0.85 Pa s"\nviscous_tension = "0.028 N/m"'), "viscosity, viscous_tension: expected one of"),
         (('viscosity = "0.85 Pa s"', 'viscous_tension = "0.028 Pa s"'), "viscous_tension: expected a text in N/m"),
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),
+        (('"0.85 Pa s"', '"0.85 Pa s"\nframe_rate = "2000"'), "frame_rate: expected a text in 1/s"),
+        (('"0.85 Pa s"', '"0.85 Pa s"\nsection = "circular"'), "section: expected one of cross_section, "),
     ],
 )
 def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
@@ -102,12 +84,10 @@ def test_viscosity_times_velocity_may_be_known_alone(tmp_path):
     assert "viscosity" not in again.described()
 
 
-@pytest.mark.parametrize(
-    "value", [0.0, -1.0, np.nan, np.inf, "-25 um", None, True, stats.norm(1.0, 1.0), stats.cauchy(9.0)]
-)
-def test_values_that_are_not_positive_are_refused(value):
-    with pytest.raises(InputError, match="experiment: half_width: expected a positive"):
-        Experiment(cross_section="square", half_width=value, viscosity=1.0)
+def test_values_that_are_not_positive_are_refused():
+    for value in (0.0, -1.0, np.nan, np.inf, "-25 um", None, True, stats.norm(1.0, 1.0), stats.cauchy(9.0)):
+        with pytest.raises(InputError, match="experiment: half_width: expected a positive"):
+            Experiment(cross_section="square", half_width=value, viscosity=1.0)
 
 
 def test_any_positive_frozen_distribution_will_do():
@@ -121,25 +101,23 @@ def test_any_positive_frozen_distribution_will_do():
 MICRO = pint.UnitRegistry()
 
 
-@pytest.mark.parametrize(
-    "value",
-    [25e-6, np.float32(25e-6), "25 um", "0.025 mm", 25.0 * MICRO.um, 0.025 * MICRO.mm, Quantity(25e-6, unit="m")],
-)
-def test_every_form_of_a_number_is_read(value):
-    width = Experiment(cross_section="square", half_width=value, viscosity="0.85 +/- 0.02 Pa s").half_width
-    assert (width.value, width.error, width.unit) == (pytest.approx(25e-6), 0.0, "m")
+def test_every_form_of_a_number_is_read():
+    pints = 25.0 * MICRO.um, 0.025 * MICRO.mm
+    for value in (25e-6, np.float32(25e-6), "25 um", "0.025 mm", *pints, Quantity(25e-6, unit="m")):
+        width = Experiment(cross_section="square", half_width=value, viscosity="0.85 +/- 0.02 Pa s").half_width
+        assert (width.value, width.error, width.unit) == (pytest.approx(25e-6), 0.0, "m")
 
 
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("half_width", 25, 'half_width: expected a value from 1e-07 to 0.1 m, got 25 m (read in m); did you mean "25 um"?'),  # noqa: E501
-        ("half_width", "25 m", 'got 25 m; did you mean "25 um"?'),
-        ("viscosity", 1e9, "viscosity: expected a value from 1e-06 to 1000 Pa s, got 1e+09 Pa s (read in Pa s); check"),
+        ("half_width", 25, 'a value from 1e-07 to 0.1 m, got 25 m (read in m); did you mean "25 um"?'),
+        ("viscosity", 1e9, "a value from 1e-06 to 1000 Pa s, got 1e+09 Pa s (read in Pa s); check"),
         ("half_width", 0.85 * MICRO.pascal, "half_width: expected a quantity in m, got 0.85 pascal"),
         ("half_width", Quantity(0.85, unit="Pa s"), "half_width: expected a quantity in m, got one in Pa s"),
+        ("membrane_thickness", 0.6, "membrane_thickness: expected a value from "),
     ],
-)  # fmt: skip
+)
 def test_a_number_that_no_experiment_has_names_the_unit_it_was_read_in(key, value, message):
     given = {"half_width": 25e-6, "viscosity": 0.85} | {key: value}
     with pytest.raises(InputError) as caught:
@@ -155,18 +133,11 @@ def test_a_normal_cut_at_zero_has_no_negative_part(mean, share):
     assert frozen.pdf(mean) >= stats.norm(mean, share * mean).pdf(mean) * (1.0 - 1e-14)
 
 
-@given(
-    st.floats(0.01, 2.0),
-    st.floats(1e-4, 0.1),
-    st.floats(1e-3, 1.0),
-    st.floats(1e-5, 1e-4),
-    st.floats(0.7, 1.15),
-    st.floats(1.0, 2.0),
-)
-def test_si_and_ratios_are_inverse_to_each_other(viscosity, velocity, modulus, width, size, ratio):
+@given(st.floats(0.01, 2.0), st.floats(1e-4, 0.1), st.floats(1e-3, 1.0), st.floats(1e-5, 1e-4), st.floats(0.7, 2.0))
+def test_si_and_ratios_are_inverse_to_each_other(viscosity, velocity, modulus, width, ratio):
     ca = physics.capillary_number(viscosity=viscosity, mean_velocity=velocity, surface_shear_modulus=modulus)
     back = physics.surface_shear_modulus(viscosity=viscosity, mean_velocity=velocity, capillary_number=ca)
     assert back == pytest.approx(modulus)
-    radius = physics.capsule_radius(size_ratio=size, half_width=width)
-    assert physics.size_ratio(capsule_radius=radius, half_width=width) == pytest.approx(size)
+    radius = physics.capsule_radius(size_ratio=ratio, half_width=width)
+    assert physics.size_ratio(capsule_radius=radius, half_width=width) == pytest.approx(ratio)
     assert physics.mean_velocity(capsule_velocity=ratio * velocity, velocity_ratio=ratio) == pytest.approx(velocity)

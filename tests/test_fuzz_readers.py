@@ -205,73 +205,13 @@ READERS = {
 }  # fmt: skip
 
 HDF5 = b"\x89HDF"
-NASTY = [
-    b"",
-    b"\0",
-    b"nan",
-    b"inf",
-    b"1e999",
-    b"-1",
-    b"0",
-    b"true",
-    b"[]",
-    b"[[1]]",
-    b"{}",
-    b'""',
-    b'"x"',
-    b"null",
-    b"9" * 400,
-    b"1" + b"0" * 400,
-]
-NASTY += [
-    b"\xff\xfe",
-    b"\xef\xbb\xbf",
-    b",",
-    b";",
-    b"\t",
-    b"\n",
-    b"\r",
-    b"=",
-    b'"',
-    b"'",
-    b"{",
-    b"1979-05-27",
-    b"[1, 2]",
-    b"{ a = 1 }",
-    "é\u2028".encode(),
-]
-NASTY += [
-    b'"1e999 um"',
-    b'"nan +/- 1 um"',
-    b'"0 +/- 0 um"',
-    b'"/dev/zero"',
-    b"NA",
-    b"1,5",
-    b"mean",
-    b"[" * 2000,
-    b'{"a":' * 2000,
-    b"0x10",
-    b"1_0",
-]
-VALUES = [
-    np.nan,
-    np.inf,
-    -1,
-    0,
-    2**63 - 1,
-    "",
-    "x",
-    "{}",
-    "[]",
-    "null",
-    "NaN",
-    "[1]",
-    b"\xff",
-    np.zeros(0),
-    np.zeros((2, 0, 3)),
-    np.array(["a"], "S1"),
-]
-VALUES += [np.array([b"a", b"b"], dtype=object), np.ones((3, 3)), np.arange(5), np.float32(1.0), True, h5py.Empty("f8")]
+NASTY = [b"", b"\0", *b'nan inf 1e999 -1 0 true [] [[1]] {} "" "x" null'.split(), b"9" * 400, b"1" + b"0" * 400]
+NASTY += [b"\xff\xfe", b"\xef\xbb\xbf", b",", b";", b"\t", b"\n", b"\r", *b"= \" ' { 1979-05-27".split(), b"[1, 2]"]
+NASTY += [b"{ a = 1 }", "é\u2028".encode(), b'"1e999 um"', b'"nan +/- 1 um"', b'"0 +/- 0 um"', b'"/dev/zero"', b"NA"]
+NASTY += [b"1,5", b"mean", b"[" * 2000, b'{"a":' * 2000, b"0x10", b"1_0"]
+VALUES = [np.nan, np.inf, -1, 0, 2**63 - 1, "", "x", "{}", "[]", "null", "NaN", "[1]", b"\xff", np.zeros(0)]
+VALUES += [np.zeros((2, 0, 3)), np.array(["a"], "S1"), np.array([b"a", b"b"], dtype=object), np.ones((3, 3))]
+VALUES += [np.arange(5), np.float32(1.0), True, h5py.Empty("f8")]
 
 
 @st.composite

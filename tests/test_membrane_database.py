@@ -21,7 +21,7 @@ def test_a_file_is_read_as_it_was_written(some, tmp_path):
         np.testing.assert_array_equal(again[name], some[name], err_msg=name)
 
 
-def test_a_changed_file_is_refused(some, tmp_path):
+def test_a_changed_file_and_an_unknown_name_are_refused(some, tmp_path):
     some.write(tmp_path / "some.nc")
     with xr.open_dataset(tmp_path / "some.nc", engine="h5netcdf") as opened:
         opened.load().assign(slack=2.0 * opened["slack"]).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
@@ -31,9 +31,6 @@ def test_a_changed_file_is_refused(some, tmp_path):
         opened.load().drop_vars("numbers_along").to_netcdf(tmp_path / "less.nc", engine="h5netcdf")
     with pytest.raises(DatabaseError, match="variable numbers_along is missing"):
         MembraneDatabase.open(tmp_path / "less.nc")
-
-
-def test_an_unknown_name_is_refused():
     with pytest.raises(DatabaseError, match=r"no membrane database 'oval' comes with the library; it has .*square"):
         MembraneDatabase.open("oval")
 

@@ -35,23 +35,14 @@ class Sphere(ForwardModel):
 def test_a_model_that_keeps_the_promises_passes():
     check_model(Sphere())
     assert not isinstance(Box(), ForwardModel)
-
-
-def test_the_declarations_have_defaults():
     assert (Sphere().cross_section, Sphere().view, Sphere().database) == (None, "mid-plane", None)
     assert (dict(Sphere().coordinates), Sphere().effects, Sphere().circumstances) == ({}, (), ())
     assert Sphere().names == ("capillary_number", "size_ratio")
     assert Sphere().outline_modes(capillary_number=0.05, size_ratio=0.9) is None
     assert Sphere().caveats({}) == {}
-
-
-def test_an_unknown_name_is_refused_with_the_known_ones():
     theta = {"capillary_number": np.array([0.05]), "size_ratio": np.array([0.9]), "pre_inflaton": np.array([0.01])}
     with pytest.raises(InputError, match="theta: expected names among capillary_number, size_ratio, got 'pre_inf"):
         Sphere()(theta)
-
-
-def test_a_batch_goes_through_with_its_mask():
     prediction = Sphere()({"capillary_number": np.array([0.05, 0.5]), "size_ratio": np.array([0.9, 0.9])})
     np.testing.assert_array_equal(prediction.inside, [True, False])
     np.testing.assert_allclose(prediction.axial_extent, [1.8, np.nan])
@@ -97,9 +88,8 @@ class Contradictory(Sphere):
         return {"wrinkles": np.array([True])}
 
 
-@pytest.mark.parametrize(
-    ("model", "promise"),
-    [
+def test_the_broken_promise_is_named():
+    for model, promise in (
         (Box(), "does not derive from capsbayes.model.ForwardModel"),
         (Nameless(), "name is '', not a text"),
         (Sideways(), "view is 'shadow'"),
@@ -108,9 +98,6 @@ class Contradictory(Sphere):
         (Endless(), "outside the domain of the model is not NaN"),
         (Narrower(), "it treats each capsule by itself"),
         (Contradictory(), "caveats have the shapes"),
-    ],
-    ids=lambda one: type(one).__name__,
-)
-def test_the_broken_promise_is_named(model, promise):
-    with pytest.raises(BrokenPromiseError, match=promise):
-        check_model(model)
+    ):
+        with pytest.raises(BrokenPromiseError, match=promise):
+            check_model(model)

@@ -21,22 +21,16 @@ def modules_after(statement):
     return set(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split())
 
 
-def test_importing_the_package_or_the_command_line_loads_nothing_heavy():
-    assert not modules_after("import capsbayes") & HEAVY
-    assert not modules_after("import capsbayes.cli") & HEAVY
-
-
-def test_importing_inference_loads_no_cluster_no_figures_no_pictures():
+def test_importing_loads_nothing_heavy_and_no_more_than_is_needed():
+    assert not modules_after("import capsbayes, capsbayes.cli") & HEAVY
+    assert not modules_after("import capsbayes.database") & {"dask", "matplotlib"}
     assert not modules_after("import capsbayes.infer") & {"cv2", "dask", "distributed", "matplotlib"}
 
 
-@pytest.mark.parametrize("name", capsbayes.__all__)
-def test_every_public_name_can_be_had(name):
-    assert getattr(capsbayes, name) is not None
-    assert name in dir(capsbayes)
-
-
-def test_an_unknown_name_is_an_attribute_error():
+def test_every_public_name_can_be_had():
+    for name in capsbayes.__all__:
+        assert getattr(capsbayes, name) is not None
+        assert name in dir(capsbayes)
     with pytest.raises(AttributeError, match="module 'capsbayes' has no attribute 'capsule'"):
         _ = capsbayes.capsule
 

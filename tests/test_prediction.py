@@ -15,11 +15,13 @@ def fields(n: int = 2) -> dict[str, np.ndarray]:
     }
 
 
-def test_values_follow_the_order_of_the_covariance():
+def test_values_follow_the_order_of_the_covariance_and_it_is_frozen():
     prediction = Prediction(**fields())
     np.testing.assert_array_equal(prediction.values, [[2.0, 1.7, 1.3], [2.2, 1.8, 1.3]])
     np.testing.assert_allclose(prediction.parachute_depth, [0.3, 0.4])
     assert len(prediction) == 2
+    with pytest.raises(AttributeError):
+        Prediction(**fields()).inside = None
 
 
 @pytest.mark.parametrize(
@@ -35,8 +37,3 @@ def test_values_follow_the_order_of_the_covariance():
 def test_a_wrong_shape_is_named(name, wrong):
     with pytest.raises(ValueError, match=f"{name}: expected shape"):
         Prediction(**{**fields(), name: wrong})
-
-
-def test_it_is_frozen():
-    with pytest.raises(AttributeError):
-        Prediction(**fields()).inside = None

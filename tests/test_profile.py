@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -37,7 +39,7 @@ def outlines(draw):
     return Profile.from_outline(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
 
 
-def test_circle():
+def test_circle_and_ellipse():
     circle = ellipse(2.0, 2.0)
     assert circle.axial_extent == pytest.approx(4.0, rel=1e-12)
     assert circle.axial_length == pytest.approx(4.0, rel=1e-12)
@@ -45,25 +47,19 @@ def test_circle():
     assert circle.perimeter == pytest.approx(4 * np.pi, rel=1e-6)
     assert circle.area == pytest.approx(4 * np.pi, rel=1e-5)
     assert circle.stretch_ratio(2.0) == pytest.approx(1.0, rel=1e-6)
-
-
-def test_perimeter_of_an_ellipse_is_the_elliptic_integral():
     long, short = 1.3, 0.7
     assert ellipse(long, short).perimeter == pytest.approx(4 * long * ellipe(1 - (short / long) ** 2), rel=1e-5)
 
 
-@pytest.mark.parametrize("depth", [1.3, 1.6, 1.9])
-def test_parachute_with_a_concave_rear(depth):
-    outline = parachute(depth)
-    assert outline.axial_extent == pytest.approx(1 / depth, abs=1e-5)
-    assert outline.axial_length == pytest.approx(2 - depth, abs=1e-12)
-    assert outline.parachute_depth == pytest.approx((depth - 1) ** 2 / depth, abs=1e-5)
-    length, _ = quad(lambda t: np.hypot(np.sin(t) * (depth * (1 - np.cos(t)) / 2 - 1), np.cos(t)), 0, 2 * np.pi)
-    assert outline.perimeter == pytest.approx(length, rel=1e-5)
-
-
-def test_a_convex_rear_has_no_parachute():
-    assert parachute(0.8).parachute_depth == pytest.approx(0.0, abs=1e-12)
+def test_parachute_with_a_concave_rear():
+    for depth in (1.3, 1.6, 1.9):
+        outline = parachute(depth)
+        assert outline.axial_extent == pytest.approx(1 / depth, abs=1e-5)
+        assert outline.axial_length == pytest.approx(2 - depth, abs=1e-12)
+        assert outline.parachute_depth == pytest.approx((depth - 1) ** 2 / depth, abs=1e-5)
+        length, _ = quad(lambda t: np.hypot(np.sin(t) * (depth * (1 - np.cos(t)) / 2 - 1), np.cos(t)), 0, 2 * np.pi)  # noqa: B023
+        assert outline.perimeter == pytest.approx(length, rel=1e-5)
+    assert parachute(0.8).parachute_depth == pytest.approx(0.0, abs=1e-12)  # a convex rear
 
 
 def test_half_outline_is_mirrored():
@@ -76,15 +72,12 @@ def test_half_outline_is_mirrored():
     )
 
 
-@pytest.mark.parametrize("start", [0, 37, 150])
-@pytest.mark.parametrize("sense", [1, -1])
-@pytest.mark.parametrize("closed", [True, False])
-def test_any_start_and_sense_give_one_outline(start, sense, closed):
+def test_any_start_and_sense_give_one_outline():
     known = parachute(1.5, np.linspace(0.0, 2 * np.pi, 300, endpoint=False))
-    contour = np.roll(known.points, start, axis=0)[::sense]
-    if closed:
-        contour = np.concatenate([contour, contour[:1]])
-    np.testing.assert_allclose(Profile.from_outline(contour).points, known.points, atol=1e-14)
+    for start, sense, closed in itertools.product((0, 37, 150), (1, -1), (False, True)):
+        contour = np.roll(known.points, start, axis=0)[::sense]
+        contour = np.concatenate([contour, contour[: int(closed)]])
+        np.testing.assert_allclose(Profile.from_outline(contour).points, known.points, atol=1e-14)
 
 
 def test_the_nose_is_inserted_between_two_vertices():
@@ -105,16 +98,12 @@ def test_resampling_is_at_equal_arc_length_from_the_nose():
 
 
 @given(outlines(), st.floats(1e-6, 1e3), st.floats(-5, 5))
-def test_lengths_scale_and_do_not_move(outline, factor, dz):
+def test_lengths_scale_and_know_neither_place_nor_side(outline, factor, dz):
     changed = outline.translated(dz).scaled(factor)
     for name in ("axial_extent", "axial_length", "perimeter"):
         assert getattr(changed, name) == pytest.approx(factor * getattr(outline, name), rel=1e-9)
     assert changed.area == pytest.approx(factor**2 * outline.area, rel=1e-8)
     assert changed.stretch_ratio(factor * 0.9) == pytest.approx(outline.stretch_ratio(0.9), rel=1e-9)
-
-
-@given(outlines())
-def test_lengths_do_not_know_the_side(outline):
     mirror = outline.mirrored()
     for name in ("axial_extent", "axial_length", "perimeter", "area"):
         assert getattr(mirror, name) == pytest.approx(getattr(outline, name), rel=1e-9)
@@ -136,30 +125,21 @@ def test_hausdorff_of_concentric_circles_is_the_gap_whatever_the_vertices():
     assert coarse.hausdorff(coarse.translated(0.03)) == pytest.approx(0.03, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
+def test_points_out_of_order_are_refused_with_one_line():
+    for points, message in (
         (np.zeros((3, 2)), "expected an array (p, 2) with p >= 4, got shape (3, 2)"),
         (np.zeros((5, 3)), "got shape (5, 3)"),
         ([[1, 0], [0, 1], [-1, np.nan], [0, -1]], "expected finite coordinates, got 1 NaN"),
         ([[0, 1], [-1, 0], [0, -1], [1, 0]], "expected a first point on the axis y = 0, got y = 1"),
         ([[-1, 0], [0, -1], [1, 0], [0, 1]], "expected the nose as first point"),
         ([[1, 0], [0, -1], [-1, 0], [0, 1]], "expected the side y > 0 first"),
-    ],
-)
-def test_points_out_of_order_are_refused_with_one_line(points, message):
-    with pytest.raises(InputError) as caught:
-        Profile(np.asarray(points, dtype=float))
-    assert message in str(caught.value)
-    assert str(caught.value).startswith("profile: points: ")
-
-
-def test_an_outline_off_the_axis_is_refused():
+    ):
+        with pytest.raises(InputError) as caught:
+            Profile(np.asarray(points, dtype=float))
+        assert message in str(caught.value)
+        assert str(caught.value).startswith("profile: points: ")
     with pytest.raises(InputError, match="expected an outline around the axis y = 0, got 0 crossings"):
         Profile.from_outline([[0, 1], [1, 1], [1, 2], [0, 2]])
-
-
-def test_points_cannot_be_written():
     with pytest.raises(ValueError, match="read-only"):
         ellipse(1.0, 1.0).points[0, 0] = 3.0
 

@@ -4,7 +4,6 @@ import re
 import tomllib
 from pathlib import Path
 
-import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
@@ -43,9 +42,9 @@ def test_the_recipe_of_conda_needs_what_the_wheel_needs():
         assert {str(part) for part in limits if part.operator == "<"} <= parts
 
 
-@pytest.mark.parametrize("one", needed("rtdc", "cluster", "xlsx", "test"), ids=lambda one: one.name)
-def test_the_lock_holds_a_version_that_is_allowed(one):
-    assert Version(LOCKED[one.name]) in one.specifier
+def test_the_lock_holds_versions_that_are_allowed():
+    for one in needed("rtdc", "cluster", "xlsx", "test"):
+        assert Version(LOCKED[one.name]) in one.specifier, one.name
 
 
 def test_the_bench_brings_what_the_files_that_it_takes_need():

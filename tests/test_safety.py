@@ -1,13 +1,7 @@
 """Nothing in a file of a user is executed but a file of effects: no pickle is read, and no text is evaluated."""
 
 import ast
-import time
 from pathlib import Path
-
-import pytest
-
-from capsbayes.errors import InputError
-from capsbayes.quantity import Quantity
 
 SOURCE = Path(__file__).parents[1] / "src" / "capsbayes"
 # copies within one program: tasks sent to worker processes, and the check that a user's own law can be sent
@@ -31,17 +25,9 @@ def dangers(node):
 
 
 def test_no_module_unpickles_or_evaluates():
-    files = {file.relative_to(SOURCE).as_posix(): ast.parse(file.read_text("utf-8")) for file in SOURCE.rglob("*.py")}
-    found = {name: {danger for node in ast.walk(tree) for danger in dangers(node)} for name, tree in files.items()}
-    assert len(files) > 100
+    texts = {file.relative_to(SOURCE).as_posix(): file.read_text("utf-8") for file in SOURCE.rglob("*.py")}
+    assert len(texts) > 100
+    words = READS_OBJECTS | EVALUATES | {"allow_pickle"}
+    trees = {name: ast.parse(text) for name, text in texts.items() if any(word in text for word in words)}
+    found = {name: {danger for node in ast.walk(tree) for danger in dangers(node)} for name, tree in trees.items()}
     assert {name: words for name, words in found.items() if words} == COPIES | ASKED_FOR
-
-
-@pytest.mark.parametrize(
-    "text", ["6.2 +/- 0.06 mm/s * (9**9**9)", "6.2 +/- 0.06 mm/s * (1+1) ** 2", "__import__('os')"]
-)
-def test_a_quantity_is_not_evaluated(text):
-    begin = time.perf_counter()
-    with pytest.raises(InputError, match="expected a text in m/s"):
-        Quantity.read(text, where="x.toml", key="velocity", units=("m/s",), example="6.2 +/- 0.06 mm/s")
-    assert time.perf_counter() - begin < 5.0

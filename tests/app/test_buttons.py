@@ -1,6 +1,9 @@
 """The buttons over all capsules in a real browser, and a server that is killed after a capsule was saved."""
 
+import shlex
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,10 +21,13 @@ from capsbayes.surrogate import Surrogate
 
 pytestmark = [needs_browser, pytest.mark.slow]
 
+SCRIPT = Path(sys.executable).with_name("capsbayes")
 FILM = Path(__file__).parents[2] / "examples" / "pictures" / "film.avi"
 
 
-def test_the_next_flow_rate_and_the_population_of_one_capsule_of_a_film(browser, tmp_path):
+def test_a_capsule_of_a_film_is_identified_as_its_commands_say_and_leads_to_the_next_flow_rate_and_the_population(
+    browser, tmp_path
+):
     with served(tmp_path / "bench") as (_, address):
         page, said = opened(browser, address)
         flow, together = (page.get_by_role("button", name=name) for name in ("At which flow rate", "Look at all"))
@@ -30,9 +36,18 @@ def test_the_next_flow_rate_and_the_population_of_one_capsule_of_a_film(browser,
         filled(page, FIELDS | {"Frame rate of a film": ("400", "")})
         ready(page.get_by_role("button", name="Measure them all")).click()
         ready(page.get_by_label("Identify capsule-1 of film.avi")).click()
+        page.get_by_text("capsule-1 of film").first.wait_for()
         ready(page.get_by_role("button", name="Identify", exact=True).first).click()
         ready(page.get_by_role("button", name="Save the report")).click()
         page.get_by_role("link", name="Open the report").wait_for()
+        change, identify, report = page.locator(".bench-columns .bench-commands").inner_text().splitlines()
+        folder = Path(shlex.split(change)[1])
+        assert folder == tmp_path / "bench" / "film" / "capsule-1"
+        saved = {path: path.read_bytes() for path in folder.iterdir() if not path.name.startswith(".")}
+        assert {"measurement.toml", "posterior.nc", "report.html"} <= {path.name for path in saved}
+        for line in (identify, report):
+            assert subprocess.run([SCRIPT, *shlex.split(line)[1:]], cwd=folder, check=False).returncode == 0
+        assert {path: path.read_bytes() for path in saved} == saved
         ready(flow).click()
         page.get_by_text("--like film/capsule-1/measurement.toml").wait_for()
         assert page.get_by_text("The expected capsule reaches the limit of existence").is_visible()

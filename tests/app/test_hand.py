@@ -13,44 +13,32 @@ from capsbayes.status import Status
 pytestmark = [needs_browser, pytest.mark.slow]
 
 
-@pytest.fixture
-def measured(bench, browser, picture):
-    """A page with a picture that was measured, and what can be put right open."""
+def test_a_wall_is_dragged_a_part_is_drawn_and_the_flow_is_turned_by_the_mouse(bench, browser, picture):
     page, said = opened(browser, bench[1])
     page.locator("input[type=file]").first.set_input_files(picture)
     page.get_by_text("The capsule was measured").wait_for()
     page.get_by_text("Put something right by hand").click()
-    yield page
-    assert said == []
-    page.close()
-
-
-def test_a_wall_is_dragged_by_the_mouse(measured):
-    wall = measured.get_by_role("slider", name="Lower wall")
+    turn = page.get_by_role("button", name="Turn the flow round")
+    turn.click()
+    page.get_by_text(str(Status.WRONG_FLOW)).first.wait_for()
+    turn.click()
+    page.get_by_text("The capsule was measured, the flow is to the right").wait_for()
+    page.get_by_text("draw it in the picture").click()
+    dragged(page, (8.0, 20.0), (190.0, 180.0))
+    page.locator(".bench-overlay rect.crop").wait_for()
+    part = list(map(float, page.get_by_label("Part: left, top, width, height").input_value().split(",")))
+    assert part == pytest.approx([8.0, 20.0, 183.0, 161.0], abs=1.6)
+    page.get_by_text("The capsule was measured").wait_for()
+    wall = page.get_by_role("slider", name="Lower wall")
     before = float(wall.get_attribute("aria-valuenow"))
-    dragged(measured, (30.0, before), (40.0, before + 3.0))
-    measured.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+    dragged(page, (30.0, before), (40.0, before + 3.0))
+    page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
     assert float(wall.get_attribute("aria-valuenow")) == pytest.approx(before + 3.0, abs=0.6)
-    upper, lower = map(float, measured.get_by_label("Rows of the two walls").input_value().split(","))
+    upper, lower = map(float, page.get_by_label("Rows of the two walls").input_value().split(","))
     assert lower == pytest.approx(before + 3.0, abs=0.6)
     assert lower - upper == pytest.approx(113.0, abs=1.0)
-
-
-def test_the_part_of_the_picture_is_drawn_by_the_mouse(measured):
-    measured.get_by_text("draw it in the picture").click()
-    dragged(measured, (8.0, 20.0), (190.0, 180.0))
-    measured.locator(".bench-overlay rect.crop").wait_for()
-    part = list(map(float, measured.get_by_label("Part: left, top, width, height").input_value().split(",")))
-    assert part == pytest.approx([8.0, 20.0, 183.0, 161.0], abs=1.6)
-    measured.get_by_text("The capsule was measured").wait_for()
-
-
-def test_the_flow_is_turned_round_and_back(measured):
-    turn = measured.get_by_role("button", name="Turn the flow round")
-    turn.click()
-    measured.get_by_text(str(Status.WRONG_FLOW)).first.wait_for()
-    turn.click()
-    measured.get_by_text("The capsule was measured, the flow is to the right").wait_for()
+    assert said == []
+    page.close()
 
 
 def test_the_whole_way_is_gone_by_the_keyboard_alone(bench, browser, picture):

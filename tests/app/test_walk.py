@@ -99,32 +99,6 @@ def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_popul
     page.close()
 
 
-def test_a_capsule_of_a_film_is_chosen_and_identified(bench, browser):
-    page, said = opened(browser, bench[1])
-    page.locator("input[type=file][multiple]").set_input_files(EXAMPLES / "film.avi")
-    page.locator(".bench-file img").wait_for()
-    filled(page, FIELDS | {"Frame rate of a film": ("400", "")})
-    ready(page.get_by_role("button", name="Measure them all")).click()
-    ready(page.get_by_label("Identify capsule-1 of film.avi")).click()
-    page.get_by_text("capsule-1 of film").first.wait_for()
-    ready(page.get_by_role("button", name="Identify", exact=True).first).click()
-    page.locator(".bench-headline").first.wait_for()
-    ready(page.get_by_role("button", name="Save the report")).click()
-    page.get_by_role("link", name="Open the report").wait_for()
-    change, identify, report = map(
-        shlex.split, page.locator(".bench-columns .bench-commands").inner_text().splitlines()
-    )
-    folder = Path(change[1])
-    assert (folder.parent.parent, folder.name) == (bench[0], "capsule-1")
-    saved = {path: path.read_bytes() for path in folder.iterdir() if not path.name.startswith(".")}
-    for words in (identify, report):
-        assert subprocess.run([SCRIPT, *words[1:]], cwd=folder, check=False).returncode == 0
-    assert {path: path.read_bytes() for path in saved} == saved
-    assert {"measurement.toml", "posterior.nc", "report.html"} <= {path.name for path in saved}
-    assert said == []
-    page.close()
-
-
 def test_a_wall_is_moved_by_keys_and_another_tab_knows_nothing_of_it(bench, browser, picture):
     page, said = opened(browser, bench[1])
     other, _ = opened(browser, bench[1])

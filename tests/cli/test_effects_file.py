@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import mistake, run
 
 from capsbayes import Surrogate
 from capsbayes.cli.effects_file import own_effects
@@ -29,6 +29,8 @@ class Glare(Halo):
         distance = theta["glare"] / theta["half_width"]
         return displaced(model(theta, outline=outline), distance, 0.0 * distance)
 """
+HALF_WIDTH = IMPORTS + GLARE.replace('"glare", "g"', '"half_width", "g"')
+BARE = "class Bare:\n    parameter = 1\n    def __call__(self, model, theta, *, outline=False): ...\n"
 
 
 @pytest.fixture(scope="module")
@@ -58,22 +60,12 @@ def test_the_effects_of_a_file_are_found_and_checked(tmp_path, model):
         ("x = (", "mine.py: line 1: expected Python, got '(' was never closed"),
         ("\n\nraise ValueError('no')", "mine.py: line 3: expected Python that runs, got ValueError: no"),
         ("import sys; sys.exit(0)", "mine.py: line 1: expected Python that runs, got SystemExit: 0"),
-        ("x = 1\n", "mine.py: expected an effect: a class with"),
         (IMPORTS, "mine.py: expected an effect: a class with"),  # those that are imported do not count
-        (
-            IMPORTS + "mine = Halo()\n",
-            "mine.py: mine: expected a name that is not taken, got 'halo', that of halo in the catalogue; choose",
-        ),
-        (
-            IMPORTS + GLARE.replace('"glare", "g"', '"half_width", "g"'),
-            "mine.py: Glare: expected a name that is not taken, got 'half_width', that of an input of the models",
-        ),
+        (IMPORTS + "mine = Halo()\n", "mine: expected a name that is not taken, got 'halo', that of halo in the"),
+        (HALF_WIDTH, "Glare: expected a name that is not taken, got 'half_width', that of an input of the models"),
         (IMPORTS + GLARE + GLARE.replace("class Glare", "class Gloss"), "got 'glare', that of Glare; choose another"),
         (IMPORTS + GLARE + "    def __init__(self, size): pass\n", "mine.py: Glare: expected a class that is made"),
-        (
-            "class Bare:\n    parameter = 1\n    def __call__(self, model, theta, *, outline=False): ...\n",
-            "mine.py: Bare: expected an effect with name, parameter",
-        ),
+        (BARE, "mine.py: Bare: expected an effect with name, parameter"),
     ],
 )
 def test_a_mistake_in_the_file_is_one_line(tmp_path, model, text, message):
@@ -96,9 +88,7 @@ def test_an_effect_is_hidden_in_stored_shapes_and_tried(tmp_path, monkeypatch, c
     path.write_text(IMPORTS + GLARE)
     shapes = Path(__file__).parents[2] / "data" / "pools" / "none-0.nc"
     hide = ("hide", "--effects", path, "--shapes", shapes, "--capsules", "14", "--lengths-only", "--out", out)
-    status, _, error = run(monkeypatch, capsys, *hide, "--effect", "glow")
-    assert status == 2
-    assert "glare" in error
+    assert "glare" in mistake(monkeypatch, capsys, *hide, "--effect", "glow")
     assert run(monkeypatch, capsys, *hide, "--effect", "glare", "--effect-size", "0.5 um")[0] == 0
     assert json.loads((tmp_path / "hidden.truth" / "truth.json").read_text())["effect"] == "glare"
     words = ("diagnose", out, "--effects", path, "--candidates", "glare", "--level", "1", "--json")
@@ -118,10 +108,8 @@ def test_each_command_refuses_a_bad_file(tmp_path, monkeypatch, capsys, command)
         "hide": ("--effect", "none", "--out", tmp_path / "out"),
         "exam": ("--pools", tmp_path / "pools", "--out", tmp_path / "out"),
     }[command]
-    status, _, error = run(monkeypatch, capsys, command, *words, "--effects", path)
-    assert status == 2
+    error = mistake(monkeypatch, capsys, command, *words, "--effects", path)
     assert error.startswith(f"capsbayes: {path}: expected an effect")
-    assert len(error.splitlines()) == 1
     assert [file.name for file in tmp_path.iterdir()] == ["mine.py"]
 
 

@@ -63,14 +63,20 @@ def ended(place, words, largest_file):
     return run.returncode, lines, used.ru_utime + used.ru_stime, 1024 * int((place / ".peak").read_text())
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "identify capsule.toml --engine quadrature --out made",
-        "report posterior.nc --out made.html",
-        "atlas database.nc --out made",
-    ],
+FILLING = (
+    "identify capsule.toml --engine quadrature --out made",
+    "report posterior.nc --out made.html",
+    "atlas database.nc --out made",
 )
+REFUSED = (
+    "measure huge.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s",
+    "identify nested.toml",
+    "simulate --ca 0.05 --size-ratio 0.9 --refinement 1000",
+    "hide --effect none --out made --workers 0",
+)
+
+
+@pytest.mark.parametrize("words", FILLING)
 def test_a_full_disk_ends_in_one_line_and_leaves_nothing(place, words):
     before = {path.name for path in place.iterdir()} | {".err", ".peak"}
     status, lines, _, _ = ended(place, words, 2000)
@@ -80,15 +86,7 @@ def test_a_full_disk_ends_in_one_line_and_leaves_nothing(place, words):
     assert {path.name for path in place.iterdir()} == before
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "measure huge.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s",
-        "identify nested.toml",
-        "simulate --ca 0.05 --size-ratio 0.9 --refinement 1000",
-        "hide --effect none --out made --workers 0",
-    ],
-)
+@pytest.mark.parametrize("words", REFUSED)
 def test_a_refusal_takes_little_time_and_memory(place, words):
     status, lines, seconds, memory = ended(place, words, None)
     assert status == 2, lines

@@ -1,13 +1,8 @@
 """The report command: its file, and one line for each mistake."""
 
-import sys
-
 import pytest
-from command_line import written
+from command_line import mistake, run, written
 from results import population, posterior
-from typer.testing import CliRunner
-
-import capsbayes.cli
 
 
 @pytest.fixture
@@ -16,23 +11,18 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*arguments):
-    return CliRunner().invoke(capsbayes.cli.app, ["report", *map(str, arguments)])
-
-
-def test_the_folder_of_identify_becomes_a_page(here):
+def test_the_folder_of_identify_becomes_a_page(here, monkeypatch, capsys):
     posterior().write(here / "result" / "posterior.nc")
     (here / "new").mkdir()
-    result = run("result", "--out", here / "new" / "capsule.html")
-    assert result.exit_code == 0, result.output
-    assert "capsule.html, 0." in result.stdout
+    status, printed, _ = run(monkeypatch, capsys, "report", "result", "--out", here / "new" / "capsule.html")
+    assert (status, "capsule.html, 0." in printed) == (0, True)
     assert "Capsule capsule.toml" in (here / "new" / "capsule.html").read_text(encoding="utf-8")
     assert written(here / "new") == {"capsule.html"}
 
 
-def test_a_population_becomes_a_page_of_at_most_so_many_rows(here):
+def test_a_population_becomes_a_page_of_at_most_so_many_rows(here, monkeypatch, capsys):
     population().write(here / "run.nc")
-    assert run("run.nc", "--rows", 3).exit_code == 0
+    assert run(monkeypatch, capsys, "report", "run.nc", "--rows", 3)[0] == 0
     assert "The 3 worst of 8 are shown; the others are in run.nc." in (here / "report.html").read_text(encoding="utf-8")
 
 
@@ -50,11 +40,5 @@ def test_a_mistake_is_one_line_and_exit_status_2(here, monkeypatch, capsys, argu
     (here / "empty").mkdir()
     (here / "text.nc").write_text("no numbers")
     population().write(here / "run.nc")
-    monkeypatch.setattr(sys, "argv", ["capsbayes", "report", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        capsbayes.cli.main()
-    assert caught.value.code == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert message in lines[0]
+    assert message in mistake(monkeypatch, capsys, "report", *arguments)
     assert {path.name for path in here.iterdir()} == {"empty", "text.nc", "run.nc"}

@@ -74,7 +74,8 @@ def cases_of(database, rows):
 
 
 def test_every_case_is_drawn_once_with_the_symbol_of_its_kind(database):
-    (ax,) = cases_figure(database).axes
+    figure = cases_figure(database)
+    (ax,) = figure.axes
     drawn = {kind: as_set(line(ax, kind)) for kind in kinds_of_case(database)}
     convex = manufactured.is_convex(database["capillary_number"], database["size_ratio"])
     assert drawn["convex"] == cases_of(database, convex)
@@ -83,9 +84,17 @@ def test_every_case_is_drawn_once_with_the_symbol_of_its_kind(database):
     assert sum(map(len, drawn.values())) == len(database)
     open_symbols = {one.get_label() for one in ax.lines if one.get_markerfacecolor() == "none"}
     assert open_symbols == {"no steady state", "not resolved or not computed"}
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries == [
+        "parachute", "convex", "no steady state", "not resolved or not computed",
+        "limit of the database", "limit of existence", "snap-through",
+    ]  # fmt: skip
+    title = figure.get_suptitle()
+    assert "manufactured membrane, square cross-section, mesh n = 8" in title
+    assert f"{len(database) - 2} of {len(database)} cases" in title
 
 
-def test_the_border_curves_pass_through_the_border_rows(database):
+def test_the_border_curves_pass_through_the_border_rows_and_are_broken_between(database):
     (ax,) = cases_figure(database).axes
     size = np.unique(np.round(database["border_size_ratio"], 6))
     limit = manufactured.limit(size)
@@ -96,25 +105,14 @@ def test_the_border_curves_pass_through_the_border_rows(database):
     snap = line(ax, "snap-through")
     np.testing.assert_allclose(snap[np.isfinite(snap[:, 0]), 1], SNAP_COLUMNS)
     assert np.nanmax(np.abs(snap[:, 0] - 0.03)) == 0.0
-
-
-def test_a_border_is_broken_where_a_column_has_none(database):
     ca, size = border_curve(database, "snap-through")
     between = (size > 1.05) & (size < 1.1)
     assert between.any()
     assert np.isnan(ca[between]).all()
-
-
-def test_the_legend_and_the_title_say_what_is_drawn(database):
-    figure = cases_figure(database)
-    entries = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert entries == [
-        "parachute", "convex", "no steady state", "not resolved or not computed",
-        "limit of the database", "limit of existence", "snap-through",
-    ]  # fmt: skip
-    title = figure.get_suptitle()
-    assert "manufactured membrane, square cross-section, mesh n = 8" in title
-    assert f"{len(database) - 2} of {len(database)} cases" in title
+    kinds = np.resize(["snap-through", "lost from rest"], database.dataset.sizes["border"])
+    marked = Database(database.dataset.assign(border_kind=("border", kinds)))
+    (axes, *_) = cases_figure(marked).axes
+    assert {"snap-through", "lost from rest"} <= {line.get_label() for line in axes.lines}
 
 
 @pytest.mark.parametrize(
@@ -174,7 +172,7 @@ def test_the_table_of_shapes_draws_profiles_between_the_walls(database):
     assert drawn >= 20
 
 
-def test_a_cell_shows_the_nearest_case_of_its_size_and_says_its_capillary_number(database):
+def test_a_cell_shows_the_nearest_case_of_its_size_or_says_why_none(database):
     ca, size = table_of_cases(database)
     (row,) = np.flatnonzero(cases_of_cell(database, ca, 3, size[2]))
     column = np.round(database["size_ratio"], 6) == size[2]
@@ -182,10 +180,6 @@ def test_a_cell_shows_the_nearest_case_of_its_size_and_says_its_capillary_number
     assert database["capillary_number"][row] == database["capillary_number"][column][np.argmin(distance)]
     ax = np.array(shapes_figure(database).axes).reshape(len(size), len(ca))[2, 3]
     assert ax.texts[0].get_text() == f"Ca = {database['capillary_number'][row]:.4g}"
-
-
-def test_an_empty_cell_says_why(database):
-    ca, size = table_of_cases(database)
     row = np.flatnonzero(cases_of_cell(database, ca, 0, size[-1]))
     lost = Database(database.dataset.copy(deep=True))
     lost["status"][row] = "NO_STEADY_STATE"
@@ -195,24 +189,18 @@ def test_an_empty_cell_says_why(database):
     assert ax.texts[0].get_text() == "no steady state"
 
 
-def test_changes_are_those_of_the_cases_that_both_values_have(of_effect):
+def test_changes_of_an_effect_are_those_of_the_cases_that_both_values_have(of_effect):
     ca, size, change = changes(of_effect, 0.1, "axial_extent")
     assert as_set(np.stack([ca, size], axis=1)) == cases_of(of_effect, slice(None))
     np.testing.assert_allclose(change, 0.1)
     ca, _, change = changes(of_effect, 0.2, "velocity_ratio")
     assert len(ca) == len(of_effect) // 3 - 1
     np.testing.assert_array_equal(change, 0.0)
-
-
-def test_changes_are_drawn_in_per_cent_a_row_for_each_value(of_effect):
     axes = changes_figure(of_effect).axes[:6]
     assert [ax.get_title() for ax in axes[1::3]] == ["pre inflation = 0.1", "pre inflation = 0.2"]
     for ax, percent in zip(axes[::3], (10.0, 20.0), strict=True):
         np.testing.assert_allclose(ax.collections[0].get_array(), percent)
         assert ax.collections[0].norm.vmax == pytest.approx(20.0)
-
-
-def test_an_effect_has_a_plane_and_a_line_for_each_value(of_effect):
     titles = [ax.get_title() for ax in cases_figure(of_effect).axes]
     assert titles == ["pre inflation = 0 (null)", "pre inflation = 0.1", "pre inflation = 0.2"]
     figure = shapes_figure(of_effect)
@@ -220,23 +208,9 @@ def test_an_effect_has_a_plane_and_a_line_for_each_value(of_effect):
     assert max(len(ax.patches) for ax in figure.axes) == 3
 
 
-def test_the_atlas_has_a_figure_for_each_map(of_effect):
-    assert set(atlas(manufactured.database(9, 8))) == {"cases", "shapes", "velocity", "velocity-surface", "lengths"}
+def test_the_atlas_has_a_figure_for_each_map_that_can_be_drawn(of_effect):
     assert set(atlas(of_effect)) == {"cases", "shapes", "changes"}
-
-
-def test_too_few_cases_for_a_surrogate_have_no_maps():
     assert set(atlas(manufactured.database(2, 3))) == {"cases", "shapes"}
-
-
-def test_a_database_without_steady_states_is_said():
     none = manufactured.database(2, 3, failed=range(6))
     with pytest.raises(DatabaseError, match="expected a database with steady states to draw, got none in 6 cases"):
         atlas(none)
-
-
-def test_every_kind_of_border_is_in_the_legend(database):
-    kinds = np.resize(["snap-through", "lost from rest"], database.dataset.sizes["border"])
-    marked = Database(database.dataset.assign(border_kind=("border", kinds)))
-    (axes, *_) = cases_figure(marked).axes
-    assert {"snap-through", "lost from rest"} <= {line.get_label() for line in axes.lines}

@@ -60,14 +60,11 @@ def clicked(population_of_30, tmp_path_factory):
     return seen.found[1200]
 
 
-def test_headings_tell_the_order_and_only_the_last_one_clicked(clicked):
+def test_columns_sort_both_ways_by_value_and_what_has_none_stays_last(clicked):
     assert len(clicked) == 12
     for found, marked in clicked:
         assert [order for order, _ in found] == [None, "ascending", "descending", "ascending"]
         assert marked == 1
-
-
-def test_columns_of_numbers_sort_by_value_both_ways_and_what_has_none_stays_last(clicked):
     for column, (found, _) in enumerate(clicked):
         if column in WORDS:
             continue
@@ -78,17 +75,11 @@ def test_columns_of_numbers_sort_by_value_both_ways_and_what_has_none_stays_last
         assert numbers[2] == sorted(numbers[0], reverse=True)
         for one, known in zip(values[1:], numbers[1:], strict=True):
             assert one[: len(known)] == known
-
-
-def test_columns_of_words_sort_both_ways(clicked):
     for column in WORDS:
         names = [texts for _, texts in clicked[column][0]]
         assert names[1] == sorted(names[0])
         assert names[2] == sorted(names[0], reverse=True)
         assert len(set(names[0])) > 2
-
-
-def test_numbers_are_not_sorted_as_words(clicked):
     assert clicked[0][0][1][1] == [str(k) for k in range(1, 31)]
 
 

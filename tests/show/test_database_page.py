@@ -7,6 +7,7 @@ import manufactured
 import numpy as np
 import pytest
 
+from capsbayes.database import Database
 from capsbayes.show.pages.database import database_page
 from capsbayes.show.tables.database import domain_sentence, domain_table
 from capsbayes.show.tables.table import html_table
@@ -46,7 +47,7 @@ def test_each_part_is_there(database, page):
     assert page.count("<img") == 5
 
 
-def test_the_domain_of_existence_is_told_column_by_column(database):
+def test_the_domain_of_existence_is_told_column_by_column_and_value_by_value(database):
     rows = re.findall(r"<tr>(.*?)</tr>", html_table(domain_table(database)))
     assert len(rows) == 1 + 9
     last = re.findall(r"<td[^>]*>(.*?)</td>", rows[-1])
@@ -55,11 +56,6 @@ def test_the_domain_of_existence_is_told_column_by_column(database):
     assert last[3] == "limit\N{NO-BREAK SPACE}of\N{NO-BREAK SPACE}existence"
     limits = np.asarray(manufactured.limit(np.linspace(0.7, 1.15, 9)))
     assert f"beyond Ca {limits.min():.3g} to {limits[limits < 0.15].max():.3g}" in domain_sentence(database)
-
-
-def test_an_effect_is_told_value_by_value():
-    from capsbayes.database import Database
-
     effect = Database.open("square-unsteadiness")
     rows = re.findall(r"<tr>(.*?)</tr>", html_table(domain_table(effect)))
     columns = sum(len(np.unique(effect.at_value(value)["size_ratio"])) for value in effect.values)

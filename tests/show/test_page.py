@@ -10,14 +10,11 @@ from capsbayes.show.pages.page import image, page, picture
 from capsbayes.show.tables.table import Strong, html_table, table, typeset
 
 
-def test_text_is_escaped_and_markup_is_not():
+def test_text_is_escaped_and_a_page_may_fetch_nothing():
     made = page("page.html", title="<a> & b", body=Markup("<p>{}</p>").format("<script>x</script>"))
     assert "<title>&lt;a&gt; &amp; b</title>" in made
     assert "<p>&lt;script&gt;x&lt;/script&gt;</p>" in made
     assert "<b>kept</b>" in page("page.html", title="", body=Markup("<b>kept</b>"))
-
-
-def test_a_page_may_fetch_nothing():
     assert "default-src 'none'; img-src data:" in page("page.html", title="", body="")
 
 
@@ -47,3 +44,5 @@ def test_cells_are_escaped_and_numbers_are_marked():
 
 def test_symbols():
     assert typeset("L_z over l, mu and Lambda, v_o/U") == "L<sub>z</sub> over ℓ, µ and Λ, v<sub>o</sub>/U"
+    written = "ε<sub>p</sub> = 2 %, 10<sup>15</sup> &amp; G<sub>s</sub> a<sup>2</sup>"
+    assert typeset("eps_p = 2 %, 10^15 & G_s a^2") == written

@@ -4,18 +4,13 @@ from capsbayes.infer import Marginal
 from capsbayes.show.words.rounding import decimals, per_cent, rounded, together, value_words
 
 
-@pytest.mark.parametrize(
-    ("error", "digits"),
-    [(0.00101, 4), (0.0354, 3), (0.0356, 2), (0.9, 1), (1.0, 1), (3.5, 1), (4.0, 0), (40.0, -1), (0.0, 3)],
-)
-def test_an_error_below_36_is_worth_two_digits(error, digits):
-    assert decimals(error) == digits
+def test_an_error_below_36_is_worth_two_digits():
+    digits = {0.00101: 4, 0.0354: 3, 0.0356: 2, 0.9: 1, 1.0: 1, 3.5: 1, 4.0: 0, 40.0: -1, 0.0: 3}
+    assert {error: decimals(error) for error in digits} == digits
     assert decimals(float("nan")) == 3
-
-
-def test_tens_are_left_out_where_the_error_is_hundreds():
-    assert rounded(5128.0, -2) == "5100"
+    assert rounded(5128.0, -2) == "5100"  # tens are left out where the error is hundreds
     assert rounded(float("nan"), 2) == "not known"
+    assert together((0.02, -0.1, 0.14), 2) == ["0.02", "-0.10", "0.14"]  # what may be negative keeps its decimals
 
 
 @pytest.mark.parametrize(
@@ -33,10 +28,6 @@ def test_tens_are_left_out_where_the_error_is_hundreds():
 def test_a_headline_has_the_unit_people_speak_and_the_digits_of_its_error(name, numbers, words):
     middle, low_68, high_68, low_95, high_95 = numbers
     assert value_words(name, Marginal(middle, 0.5 * (high_68 - low_68), *numbers[:3], low_95, high_95)) == words
-
-
-def test_what_may_be_negative_keeps_its_decimals():
-    assert together((0.02, -0.1, 0.14), 2) == ["0.02", "-0.10", "0.14"]
 
 
 def test_shares():

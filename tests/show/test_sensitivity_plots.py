@@ -47,21 +47,11 @@ def test_the_budget_has_a_bar_for_each_input_and_quantity():
 def test_sobol_indices_have_bars_alone_and_with_others():
     index = {"viscosity": SobolIndex(0.2, 0.05, 0.3, 0.05), "axial_extent": SobolIndex(0.7, 0.1, 0.8, 0.1)}
     answers = ("surface_shear_modulus", "capsule_radius")
-    study = SobolStudy(
-        ranges={"viscosity": Quantity(0.85, 0.02), "axial_extent": Quantity.uniform(2.1, 2.2)},
-        indices=dict.fromkeys(answers, index),
-        mean=dict.fromkeys(answers, 1.0),
-        sd=dict.fromkeys(answers, 0.1),
-        samples=32,
-        outside=0,
-        change=0.0,
-        groups=8,
-        seed=1,
-        notes=(),
-        model_name="",
-        model_sha256="",
-        status=Status.DONE,
-    )
+    ranges = {"viscosity": Quantity(0.85, 0.02), "axial_extent": Quantity.uniform(2.1, 2.2)}
+    one, tenth = dict.fromkeys(answers, 1.0), dict.fromkeys(answers, 0.1)
+    counted = {"samples": 32, "outside": 0, "change": 0.0, "groups": 8, "seed": 1, "notes": ()}
+    named = {"model_name": "", "model_sha256": "", "status": Status.DONE}
+    study = SobolStudy(ranges=ranges, indices=dict.fromkeys(answers, index), mean=one, sd=tenth, **counted, **named)
     first, _ = drawn(sobol_figure(study)).axes
     assert [patch.get_width() for patch in first.patches] == [0.2, 0.7, 0.3, 0.8]
     assert [label.get_text() for label in first.get_yticklabels()] == [r"$\mu$", "$L_z$"]

@@ -6,7 +6,9 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
+import pandas as pd
 import pytest
+from printed import assert_same, plain
 from sessions import drawn_session
 
 from capsbayes import Surrogate, diagnose
@@ -35,6 +37,7 @@ def study(model):
     """A few capsules, taken to disagree whatever they show."""
     sizes = {"exposure": 8e-4}
     session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes=sizes, settings=True)
+    session = replace(session, left_out=("a.toml: expected this, got that",))
     return diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
 
 
@@ -64,7 +67,7 @@ def pictures(page):
     return [base64.b64decode(data).decode() for data in re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)]
 
 
-def test_the_verdict_comes_first_and_each_part_is_there(study, page):
+def test_a_page_is_whole_and_its_verdict_comes_first(study, page):
     assert study.verdict is Verdict.NAMED
     text = re.sub(r"<[^>]+>", "", re.sub(r"<(img|style).*?(/style)?>", "", page))
     parts = (
@@ -85,9 +88,6 @@ def test_the_verdict_comes_first_and_each_part_is_there(study, page):
     assert places == sorted(places)
     assert "µs (68 %:" in text
     assert MotionBlur.separated_by in text
-
-
-def test_a_page_is_whole_and_needs_nothing_else(page):
     tags = Tags(page)
     assert tags.open == []
     assert all(link.startswith("data:") for link in tags.links)
@@ -96,7 +96,17 @@ def test_a_page_is_whole_and_needs_nothing_else(page):
     assert "<script" not in page
 
 
-def test_the_outline_names_its_regions(study):
+def test_what_is_printed_stands_on_the_page(study, page):
+    parts = list(study_parts(study))
+    tables = [part for part in parts if isinstance(part, pd.DataFrame)]
+    assert len(tables) == 4
+    (tried,) = (part for part in tables if part.attrs["title"] == "Effects that were tried")  # shorter than on the page
+    for cell in (cell for row in tried.itertuples(index=False, name=None) for cell in row[:2]):
+        assert plain(typeset(cell)) in plain(page)
+    assert_same((part for part in parts if part is not tried), page, but=[f"Motion blur: {MotionBlur().changes}"])
+
+
+def test_figures_show_the_regions_every_capsule_and_the_slopes(study):
     figure = outline_finding(study.first_half.along_outline, study.finding)
     words = " ".join(text.get_text() for text in figure.axes[0].texts)
     for name in ("nose", "flanks", "rear rim", "rear on the axis"):
@@ -106,33 +116,23 @@ def test_the_outline_names_its_regions(study):
     share = arc_share(study.first_half.along_outline.outline)
     assert (share[0], share[-1] < 100.0) == (0.0, True)
     assert np.all(np.diff(share) > 0.0)
-
-
-def test_trends_show_every_capsule_and_the_slopes(study):
     left, right = trends(study.first_half, study.finding).axes
     for ax, name in ((left, r"v_\mathrm{o}"), (right, r"a/\ell")):
         assert name in ax.get_xlabel()
         assert "σ" in ax.get_title()
         assert len(ax.containers[0].lines[0].get_xdata()) == int(study.first_half.fits.settled.sum())
+    sizes = study.verification.comparisons[1].fits.size[list(chosen_capsules(study.verification))]
+    assert len(sizes) == 3
+    assert np.all(np.diff(sizes) > 0.0)
 
 
 def test_medians_stand_at_each_flow_rate(study, page):
     before, after = (one.modulus_at_flow_rates for one in study.verification.comparisons)
     assert len(before) >= 3
     for rate, (count, median) in before.items():
-        cells = [
-            f"{6e10 * rate:.3g} µL/min",
-            str(count),
-            f"{1e3 * median:.1f} mN/m",
-            f"{1e3 * after[rate][1]:.1f} mN/m",
-        ]
+        moduli = [f"{1e3 * one:.1f} mN/m" for one in (median, after[rate][1])]
+        cells = [f"{6e10 * rate:.3g} µL/min", str(count), *moduli]
         assert re.search(".{,60}".join(map(re.escape, cells)), page, re.DOTALL), cells
-
-
-def test_held_out_capsules_are_of_different_sizes(study):
-    sizes = study.verification.comparisons[1].fits.size[list(chosen_capsules(study.verification))]
-    assert len(sizes) == 3
-    assert np.all(np.diff(sizes) > 0.0)
 
 
 def test_other_verdicts_keep_what_they_have(study):
@@ -206,16 +206,20 @@ def test_effects_that_are_added_up_are_said(study):
     assert sentence.startswith(f"At {several.added_up} of {len(several.session)} held-out capsules")
 
 
-def test_lengths_alone_are_said_and_leave_no_outlines(model):
+def test_lengths_alone_are_said_and_leave_no_outlines(model, study):
     session, _ = drawn_session(model, 14, seed=7)
-    study = diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
-    page = study_page(study)
+    alone = diagnose(session, model, seed=3, candidates=BLUR, level=1.0)
+    page = study_page(alone)
     assert "Lengths alone were given" in page
-    assert len(pictures(page)) == 2 if study.verification is None else 3
-    assert lengths_alone(study.session).startswith("Lengths alone")
+    assert len(pictures(page)) == 2 if alone.verification is None else 3
+    assert lengths_alone(alone.session).startswith("Lengths alone")
+    first, *others = study.session.measurements
+    mixed = Session([replace(first, outline=None), *others], study.session.experiment)
+    assert lengths_alone(mixed).startswith("1 of 14 capsules have no outline")
+    assert lengths_alone(study.session) == ""
 
 
-def test_no_disagreement_makes_a_shorter_page(model):
+def test_no_disagreement_or_too_few_capsules_make_a_shorter_page(model):
     session, _ = drawn_session(model, 24, seed=7)
     left_out = replace(session, left_out=("a.toml: expected <this>, got that",))
     study = diagnose(left_out, model, seed=3, candidates={"exposure": MotionBlur()})
@@ -225,33 +229,13 @@ def test_no_disagreement_makes_a_shorter_page(model):
     assert "What would explain it" not in page
     assert "1 capsules were left out" in page
     assert "expected &lt;this&gt;" in page
-    assert study_page(study) == page
     assert Tags(page).open == []
-
-
-def test_too_few_capsules_make_a_sentence(model):
     session, _ = drawn_session(model, 6, seed=7)
     page = study_page(diagnose(session, model, seed=3))
     assert "These data cannot tell: 6 capsules are too few" in page
     assert not pictures(page)
 
 
-def test_some_outlines_are_said(study):
-    first, *others = study.session.measurements
-    mixed = Session([replace(first, outline=None), *others], study.session.experiment)
-    assert lengths_alone(mixed).startswith("1 of 14 capsules have no outline")
-    assert lengths_alone(study.session) == ""
-
-
-@pytest.mark.parametrize(
-    ("ratio", "words"),
-    [(0.0, "1 : 1"), (1.0, "2.7 : 1"), (-3.0, "1 : 20"), (900.0, "more than 1000 : 1"), (-900.0, "less than 1 : 1000")],
-)
-def test_odds(ratio, words):
-    assert odds_words(ratio) == words
-
-
-def test_plain_symbols_are_typeset():
-    assert typeset("eps_p = 2 %, 10^15 & G_s a^2") == (
-        "ε<sub>p</sub> = 2 %, 10<sup>15</sup> &amp; G<sub>s</sub> a<sup>2</sup>"
-    )
+def test_odds():
+    words = {0.0: "1 : 1", 1.0: "2.7 : 1", -3.0: "1 : 20", 900.0: "more than 1000 : 1", -900.0: "less than 1 : 1000"}
+    assert {ratio: odds_words(ratio) for ratio in words} == words

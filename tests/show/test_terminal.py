@@ -1,55 +1,23 @@
 """Terminal and page of a result say the same: every number, every sentence, every caveat."""
 
 import io
-import re
 from contextlib import redirect_stdout
 from dataclasses import replace
-from html import unescape
 
 import numpy as np
-import pandas as pd
 import pytest
+from printed import assert_same, plain
 from results import population, posterior
 from rich.console import Console
-from sessions import drawn_session
 
-from capsbayes import Surrogate, diagnose
-from capsbayes.effects import MotionBlur
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.hierarchy import Hierarchy
 from capsbayes.model import TWO_SHAPES
 from capsbayes.show.pages.population import population_page
 from capsbayes.show.pages.posterior import posterior_page
-from capsbayes.show.pages.study import study_page
-from capsbayes.show.tables.table import print_parts, table, terminal_table, typeset
+from capsbayes.show.tables.table import print_parts, table, terminal_table
 from capsbayes.show.terminal.population import hierarchy_parts, population_parts
 from capsbayes.show.terminal.posterior import posterior_parts
-from capsbayes.show.terminal.study import study_parts
-
-
-def plain(html):
-    """The text of HTML without its tags."""
-    return " ".join(unescape(re.sub(r"<[^>]+>", "", html)).split())
-
-
-def cells_of(page):
-    """The texts of each row of each table."""
-    rows = re.findall(r"<tr>(.*?)</tr>", page, flags=re.S)
-    return {tuple(plain(cell) for cell in re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, flags=re.S)) for row in rows}
-
-
-def assert_same(parts, page, *, but=()):
-    """Each sentence and each row of each table that is printed stands on the page."""
-    text, rows = plain(page), cells_of(page)
-    for part in parts:
-        if isinstance(part, pd.DataFrame):
-            for row in part.itertuples(index=False, name=None):
-                assert tuple(plain(typeset(cell)) for cell in row) in {
-                    tuple(plain(typeset(cell)) for cell in known) for known in rows
-                } | {tuple(map(plain, known)) for known in rows}, row
-        else:
-            for line in part.splitlines():
-                assert line in but or plain(typeset(line)) in text, line
 
 
 @pytest.fixture(scope="module")
@@ -98,27 +66,6 @@ def test_a_population(run):
     assert f"95 % [{low:.1f}, {high:.1f}]" in plain(page)
     assert "20 % of the capsules lean on the border of the model" in plain(page)
     assert "Do not use the intervals of the population" in plain(page)
-
-
-def test_a_study():
-    model = Surrogate.open("square-neo-hookean")
-    sizes = {"exposure": 8e-4}
-    session, _ = drawn_session(model + MotionBlur(), 14, seed=7, outline=True, sizes=sizes, settings=True)
-    study = diagnose(
-        replace(session, left_out=("a.toml: expected this, got that",)),
-        model,
-        seed=3,
-        candidates={"exposure": MotionBlur()},
-        level=1.0,
-    )
-    parts, page = list(study_parts(study)), study_page(study)
-    tables = [part for part in parts if isinstance(part, pd.DataFrame)]
-    assert len(tables) == 4
-    (tried,) = (part for part in tables if part.attrs["title"] == "Effects that were tried")  # shorter than on the page
-    for cell in (cell for row in tried.itertuples(index=False, name=None) for cell in row[:2]):
-        assert plain(typeset(cell)) in plain(page)
-    rest = [part for part in parts if part is not tried]
-    assert_same(rest, page, but=[f"Motion blur: {MotionBlur().changes}"])
 
 
 def test_what_is_printed_keeps_brackets_and_skips_nothing_else():

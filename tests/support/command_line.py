@@ -17,6 +17,13 @@ def run(monkeypatch, capsys, *arguments):
     return end.value.code, captured.out, captured.err
 
 
+def mistake(monkeypatch, capsys, *arguments):
+    """Return the line that the command says of a mistake; it must be all, and the exit status 2."""
+    status, out, err = run(monkeypatch, capsys, *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1), err
+    return err
+
+
 def written(folder):
     """Names of what is in a folder, without the record of what a command wrote there."""
     return {path.name for path in folder.iterdir()} - {RECORD}

@@ -71,13 +71,10 @@ def test_a_part_of_an_earlier_version_is_refused_and_not_run(tmp_path):
     assert not (tmp_path / "harm").exists()
 
 
-def test_objects_are_not_written(tmp_path):
+def test_objects_are_not_written_and_other_settings_refused_by_name(tmp_path):
     with pytest.raises(TypeError, match="objects"):
         store(tmp_path).save("case", {"state": np.array([object()])})
     assert not list(store(tmp_path).names())
-
-
-def test_other_settings_are_refused_by_name(tmp_path):
     store(tmp_path)
     with pytest.raises(DatabaseError, match="refinement 8 there and 12 asked; remove it"):
         store(tmp_path, refinement=12)

@@ -17,12 +17,9 @@ def parachute(square_database):
     return np.array(there["profile"][np.argmax(there["parachute_depth"])])
 
 
-def test_grown_circle_is_a_larger_circle():
+def test_what_is_grown_is_larger_by_the_distance(parachute):
     seen = Profile.from_outline(grown(CIRCLE, 0.1))
     np.testing.assert_allclose(np.hypot(*seen.points.T), 1.1, atol=1e-4)
-
-
-def test_grown_parachute_is_longer_by_twice_the_distance_and_as_deep(parachute):
     before, after = Profile.from_outline(parachute), Profile.from_outline(grown(parachute, 0.02))
     assert after.axial_extent == pytest.approx(before.axial_extent + 0.04, abs=1e-6)
     assert after.parachute_depth == pytest.approx(before.parachute_depth, abs=1e-4)
@@ -35,20 +32,14 @@ def test_smear_covers_what_the_shape_covers_on_its_way(parachute):
     assert after.axial_length == pytest.approx(before.axial_length + length, abs=1e-6)
     assert np.ptp(after.points[:, 1]) == pytest.approx(np.ptp(before.points[:, 1]))
     assert smeared(parachute, 0.0) is parachute
-
-
-def test_smeared_circle_gains_the_area_of_its_way():
     seen = Profile.from_outline(smeared(CIRCLE, 0.2))
     assert seen.area == pytest.approx(Profile.from_outline(CIRCLE).area + 0.4, rel=1e-3)
 
 
-def test_enlarged_shape_is_similar(parachute):
+def test_enlarged_shape_is_similar_and_oblong_pixels_stretch_the_flow_direction_alone(parachute):
     before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.03))
     assert after.area == pytest.approx(1.03**2 * before.area)
     assert after.axial_length == pytest.approx(1.03 * before.axial_length)
-
-
-def test_oblong_pixels_stretch_the_flow_direction_alone(parachute):
     before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.0))
     assert after.area == pytest.approx(1.03 * before.area)
     assert np.ptp(after.points[:, 1]) == pytest.approx(np.ptp(before.points[:, 1]))

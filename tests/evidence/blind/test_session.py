@@ -65,21 +65,15 @@ def test_lengths_and_outline_err_as_stated(square_database):
     assert np.std(away[:, 1]) == pytest.approx(0.01, rel=0.15)
 
 
-@pytest.mark.parametrize("understated", [1.0, 1.2])
-def test_errors_have_the_stated_covariance(understated):
+def test_errors_have_the_stated_covariance_and_heavy_tails_keep_it():
     angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rng = np.random.default_rng(1)
-    noise = Noise(understated=understated)
-    each = np.array([edge_errors(points, noise, rng) for _ in range(4000)])
-    stated = OutlineNoise(noise.scale, noise.correlation_length).covariance(points)
-    np.testing.assert_allclose(np.cov(each.T), understated**2 * stated, atol=0.15 * noise.scale**2)
-
-
-def test_heavy_tails_keep_the_variance():
-    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rng = np.random.default_rng(1)
+    for understated in (1.0, 1.2):
+        noise = Noise(understated=understated)
+        each = np.array([edge_errors(points, noise, rng) for _ in range(4000)])
+        stated = OutlineNoise(noise.scale, noise.correlation_length).covariance(points)
+        np.testing.assert_allclose(np.cov(each.T), understated**2 * stated, atol=0.15 * noise.scale**2)
     first = np.array([edge_errors(points, Noise(freedom=5.0), rng)[0] for _ in range(20000)])
     assert np.std(first) == pytest.approx(0.01, rel=0.05)
     assert np.mean((first / np.std(first)) ** 4) > 5.0
@@ -91,33 +85,24 @@ def test_truth_can_be_kept_as_text(square_database):
     assert (told["effect"], told["size"], len(told["capsules"])) == ("halo", 4e-7, 40)
 
 
-def test_swelling_makes_capsules_look_larger_and_they_are(square_database):
+def test_swelling_wrong_pixels_and_a_pattern_are_seen(square_database):
     before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["swelling"], 5.0)
     for one, other in zip(before.capsules, after.capsules, strict=True):
         factor = 1.0 + 5.0 * one.capsule_velocity
         assert other.capsule_radius == pytest.approx(factor * one.capsule_radius)
         assert np.ptp(other.outline[:, 0]) == pytest.approx(factor * np.ptp(one.outline[:, 0]))
-
-
-def test_wrong_pixels_are_seen_in_the_velocity_too(square_database):
     for one in drawn(square_database, TRUE_EFFECTS["pixel_scale"], 0.02).capsules:
         assert one.velocity_seen == pytest.approx(1.02 * one.capsule_velocity)
-
-
-def test_pattern_is_of_the_size_asked_for_and_the_same_for_all(square_database):
     before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["pattern"], 0.02)
     for one, other in zip(before.capsules, after.capsules, strict=True):
         moved = np.hypot(*(other.outline - one.outline).T)
         assert np.sqrt(np.mean(moved**2)) == pytest.approx(0.02, rel=0.2)
 
 
-def test_names_may_be_written_with_hyphens_and_unknown_ones_are_refused():
+def test_unknown_names_and_too_many_capsules_are_refused(square_database):
     assert true_effect_named("Pre-inflation").simulated(0.03) == {"pre_inflation": 0.03}
     with pytest.raises(InputError, match="pre_inflation"):
         true_effect_named("gravity")
-
-
-def test_too_many_capsules_are_refused(square_database):
     lab = replace(Lab(), surface_shear_modulus=0.2)
     with pytest.raises(InputError, match="pairs of a shape and a flow rate"):
         draw_session(square_database, NONE, 0.0, lab=lab, capsules=400, seed=1)

@@ -28,26 +28,18 @@ PATTERN = Cell("pattern", "pattern", 0.02, known=False, sessions=10)
 NOTHING_HIDDEN = Cell("nothing", "none", 0.0, known=True, sessions=10)
 BOTH = Cell("halo with bending", "halo", 0.02, known=True, also=(("bending", 2e-3),))
 ANSWER = Answer(
-    outcome="right",
-    names=["halo"],
-    p_value=2e-4,
-    shapes=[1, 2, 3],
-    log_score=-0.1,
-    modulus=0.02,
-    modulus_low=-0.05,
-    modulus_high=0.1,
-    apparent=0.2,
-    true_size=5e-7,
-    size=4.9e-7,
-    low=4.2e-7,
-    high=5.6e-7,
-    seconds=30.0,
-)
+    outcome="right", names=["halo"], p_value=2e-4, shapes=[1, 2, 3], log_score=-0.1, modulus=0.02, modulus_low=-0.05,
+    modulus_high=0.1, apparent=0.2, true_size=5e-7, size=4.9e-7, low=4.2e-7, high=5.6e-7, seconds=30.0,
+)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("cell", "verdict", "steps", "outcome"),
-    [
+def outcome(cell, verdict, *steps, something_else=False):
+    steps = [SimpleNamespace(in_question=names) for names in steps]
+    return outcome_of(cell, SimpleNamespace(verdict=verdict, steps=steps, something_else=something_else))
+
+
+def test_outcomes_are_right_or_wrong_by_the_truth():
+    for cell, verdict, steps, expected in (
         (HALO, Verdict.NONE, (), "none"),
         (HALO, Verdict.NOT_TESTABLE, (), "none"),
         (HALO, Verdict.NAMED, (("halo",),), "right"),
@@ -67,17 +59,10 @@ ANSWER = Answer(
         (PATTERN, Verdict.UNKNOWN, (), "unknown"),
         (NOTHING_HIDDEN, Verdict.AMBIGUOUS, (("bending", "halo"),), "wrong"),
         (NOTHING_HIDDEN, Verdict.NONE, (), "none"),
-    ],
-)
-def test_outcomes_are_right_or_wrong_by_the_truth(cell, verdict, steps, outcome):
-    made = [SimpleNamespace(in_question=names) for names in steps]
-    assert outcome_of(cell, SimpleNamespace(verdict=verdict, steps=made, something_else=False)) == outcome
-
-
-def test_something_else_is_one_of_a_set():
-    steps = [SimpleNamespace(in_question=("bending", "halo", "exposure"))]
-    study = SimpleNamespace(verdict=Verdict.AMBIGUOUS, steps=steps, something_else=True)
-    assert outcome_of(HALO, study) == "large set"
+    ):
+        assert outcome(cell, verdict, *steps) == expected, (cell.name, verdict, steps)
+    few = ("bending", "halo", "exposure")
+    assert outcome(HALO, Verdict.AMBIGUOUS, few, something_else=True) == "large set"
 
 
 def test_the_log_score_is_that_of_what_was_hidden():
@@ -128,14 +113,9 @@ def test_errors_along_the_edge_have_the_kernel_that_was_asked_for():
     expected = np.exp(-0.5 * (apart / 0.4) ** 2)
     assert np.std(drawn) == pytest.approx(0.015, rel=0.05)
     assert np.corrcoef(drawn[:, 0], drawn[:, 4])[0, 1] == pytest.approx(expected, abs=0.06)
-
-
-@pytest.mark.parametrize("kernel", ["exponential", "squared exponential"])
-def test_errors_of_long_correlation_can_be_drawn_at_many_points(kernel):
-    angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    circle = 0.9 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    noise = Noise(correlation_length=0.3, longer=2.0, kernel=kernel)
-    assert np.isfinite(edge_errors(circle, noise, np.random.default_rng(1))).all()
+    for kernel in ("exponential", "squared exponential"):
+        longer = Noise(correlation_length=0.3, longer=2.0, kernel=kernel)
+        assert np.isfinite(edge_errors(0.9 * circle, longer, rng)).all()
 
 
 def test_bounds_are_those_of_independent_sessions_or_wider():
@@ -224,9 +204,7 @@ def test_the_answer_to_a_session_says_what_was_hidden(square_database):
     assert abs(answer.modulus) < abs(answer.apparent)
 
 
-@pytest.mark.parametrize(
-    ("last", "rounds"),
-    [(0, []), (3, [(1, 1), (2, 2), (3, 3)]), (10, [(1, 1), (2, 2), (3, 4), (5, 8), (9, 10)])],
-)
-def test_a_session_of_every_cell_comes_first(last, rounds):
-    assert list(_rounds(last)) == rounds
+def test_a_session_of_every_cell_comes_first():
+    assert list(_rounds(0)) == []
+    assert list(_rounds(3)) == [(1, 1), (2, 2), (3, 3)]
+    assert list(_rounds(10)) == [(1, 1), (2, 2), (3, 4), (5, 8), (9, 10)]

@@ -1,6 +1,4 @@
-import sys
-
-import pytest
+from command_line import mistake
 from typer.testing import CliRunner
 
 import capsbayes.cli
@@ -18,8 +16,5 @@ def test_one_section_from_the_command_line(tmp_path):
 
 
 def test_a_mistake_is_one_line_and_exit_status_2(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["capsbayes", "verify", "--out", str(tmp_path), "--only", "none"])
-    with pytest.raises(SystemExit) as caught:
-        capsbayes.cli.main()
-    assert caught.value.code == 2
-    assert capsys.readouterr().err.startswith("capsbayes: verify: only: expected one of undisturbed-flow, ")
+    line = mistake(monkeypatch, capsys, "verify", "--out", tmp_path, "--only", "none")
+    assert line.startswith("capsbayes: verify: only: expected one of undisturbed-flow, ")

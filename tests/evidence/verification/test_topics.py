@@ -12,12 +12,12 @@ from capsbayes.evidence.verification.rigid_sphere import rigid_spheres
 from capsbayes.evidence.verification.topic import Results
 
 
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
-def test_rows_of_nothing_are_not_computed(topic):
-    rows = list(topic.rows(Results({})))
-    assert rows
-    assert all(math.isnan(row.ours) for row in rows)
+def test_rows_of_nothing_are_not_computed():
     assert len({topic.name for topic in TOPICS}) == len(TOPICS)
+    for topic in TOPICS:
+        rows = list(topic.rows(Results({})))
+        assert rows
+        assert all(math.isnan(row.ours) for row in rows), topic.name
 
 
 @pytest.mark.parametrize("topic", [undisturbed_flow(), membrane_laws()], ids=lambda topic: topic.name)
@@ -51,10 +51,10 @@ class Made(Results):
 
 
 @pytest.mark.parametrize("results", [Made({}), Results({})], ids=["full", "failed"])
-@pytest.mark.parametrize("topic", [topic for topic in TOPICS if topic.picture], ids=lambda topic: topic.name)
-def test_pictures_name_their_axes(topic, results):
-    figure = Figure()
-    topic.picture(results, figure)
-    figure.canvas.draw()
-    assert figure.axes
-    assert all(axes.lines and axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+def test_pictures_name_their_axes(results):
+    for topic in (topic for topic in TOPICS if topic.picture):
+        figure = Figure()
+        topic.picture(results, figure)
+        figure.canvas.draw()
+        assert figure.axes
+        assert all(axes.lines and axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes), topic.name
