@@ -22,9 +22,9 @@ import numpy as np
 from scipy.stats import qmc
 
 from capsbayes.physics.build import CaseRunner, Outcome
-from capsbayes.physics.recipes import Recipe, recipe_named
 from capsbayes.run import Store
 from capsbayes.surrogate import EffectSurrogate, Surrogate
+from evidence.rebuild import Recipe, recipe_named
 
 STORED = Path(__file__).parents[2] / "data" / "fresh.npz"
 REFINEMENT = 12

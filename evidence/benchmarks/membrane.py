@@ -18,12 +18,13 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
-from capsbayes.physics.scattered import NUMBERS, membrane_continuation, membrane_places, nearest_state
+from capsbayes.physics.scattered import NUMBERS, membrane_continuation, nearest_state
 from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
 from evidence.benchmarks.marked import renew
+from evidence.rebuild import membrane_places
 
 ROOT = Path(__file__).parents[2]
 PAGE, STORED = ROOT / "docs" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"

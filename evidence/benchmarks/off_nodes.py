@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from capsbayes.database import NO_EFFECT, Database
-from capsbayes.evidence.blind.pools import POOLS, pool_name
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, ForwardModel
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 from evidence.benchmarks.fresh import STORED
+from evidence.exam.sessions import POOLS, pool_name
 
 ROOT = Path(__file__).parents[2]
 FOLDER, PAGE = ROOT / "data" / "pools", ROOT / "docs" / "databases.md"

@@ -18,15 +18,13 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes import Surrogate
 from capsbayes.database import Database
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, Noise, draw_session
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.search import Comparison
-from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, draw_session
-from capsbayes.evidence.blind.lab import Noise
-from capsbayes.evidence.blind.pools import pool_name
-from capsbayes.evidence.exam.cells import CELLS, Cell
-from capsbayes.evidence.markdown import table_lines
 from evidence.benchmarks.marked import renew
+from evidence.exam.sessions import CELLS, Cell, pool_name
+from evidence.markdown import table_lines
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "omitted-effects.json", ROOT / "docs" / "limits.md"

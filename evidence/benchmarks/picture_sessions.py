@@ -29,8 +29,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes import Quantity, Surrogate, diagnose
 from capsbayes.database import Database
 from capsbayes.diagnosis import Session
-from capsbayes.evidence.blind import TRUE_EFFECTS, BlindSession, draw_session
-from capsbayes.evidence.exam.labs import drawn_lab
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, BlindSession, draw_session
 from capsbayes.experiment import Experiment
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
@@ -39,6 +38,7 @@ from evidence.benchmarks import hidden_sessions
 from evidence.benchmarks.camera import Camera, Capsule, Grey, Looks, View, photograph
 from evidence.benchmarks.conditions import HALF_WIDTH, MARGIN, some_camera, some_looks
 from evidence.benchmarks.hidden_sessions import answer_of, table
+from evidence.exam.sessions import drawn_lab
 
 ROOT = Path(__file__).parents[2]
 STORED = ROOT / "docs" / "data" / "picture-sessions.json"

@@ -10,7 +10,9 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from capsbayes.evidence.verification.quantities import (
+from capsbayes.physics.simulator import Simulator
+from capsbayes.physics.stokes import WallDiscretisation
+from evidence.verification.quantities import (
     QUANTITIES,
     SYMBOLS,
     fitted_limit,
@@ -21,9 +23,7 @@ from capsbayes.evidence.verification.quantities import (
     on_mesh,
     steady,
 )
-from capsbayes.evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
-from capsbayes.physics.simulator import Simulator
-from capsbayes.physics.stokes import WallDiscretisation
+from evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
 
 _CASE, _NEIGHBOUR = (0.05, 0.9), (0.04, 0.9)
 

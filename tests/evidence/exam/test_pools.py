@@ -4,7 +4,7 @@ import manufactured
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.evidence.blind.pools import build_pools, pool_cases, read_pool
+from evidence.exam.sessions import build_pools, pool_cases, read_pool
 
 
 def test_a_pool_that_was_made_with_other_settings_is_refused(tmp_path):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from capsbayes.evidence.verification.topic import Reference
+from evidence.verification.topic import Reference
 
 
 @dataclass(frozen=True)

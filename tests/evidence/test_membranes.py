@@ -5,13 +5,8 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
-from capsbayes.physics.scattered import (
-    build_membranes,
-    membrane_continuation,
-    membrane_places,
-    nearest_state,
-    spread_points,
-)
+from capsbayes.physics.scattered import membrane_continuation, nearest_state
+from evidence.rebuild import build_membranes, membrane_places, spread_points
 
 
 def test_places_lie_where_states_are_sought():

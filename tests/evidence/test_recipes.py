@@ -4,8 +4,8 @@ import pytest
 
 from capsbayes import Database
 from capsbayes.errors import InputError
-from capsbayes.physics.recipes import RECIPES, recipe_named
 from capsbayes.physics.simulator import Simulator
+from evidence.rebuild import RECIPES, recipe_named
 
 FINER = {"square-strain-hardening": 12, "square-hooke-share": 12, "square-bending": 12, "square-pre-inflation": 10}
 """Effects with which the error of a coarse mesh changes."""
