@@ -36,7 +36,7 @@ from capsbayes.image.overlay import overlay
 from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 from evidence.benchmarks.camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
-from evidence.benchmarks.marked import renew
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "conditions.json", ROOT / "docs" / "measuring.md"

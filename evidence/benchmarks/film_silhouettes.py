@@ -34,8 +34,8 @@ from capsbayes.image.overlay import overlay
 from capsbayes.infer import Quadrature
 from evidence.benchmarks.camera import Grey, View, film
 from evidence.benchmarks.conditions import CONDITIONS, HALF_WIDTH, LEVELS, scenery
-from evidence.benchmarks.marked import renew
 from evidence.benchmarks.silhouettes import NAMES, without_one
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "films.json", ROOT / "docs" / "measuring.md"

@@ -23,8 +23,7 @@ from capsbayes.database import Database
 from capsbayes.diagnosis import Study, Verdict, diagnose
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.diagnosis.finding import FLOW
-from evidence.benchmarks.marked import renew
-from evidence.markdown import table_lines
+from evidence.markdown import renew, table_lines
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "flow-rates.json", ROOT / "docs" / "diagnosing.md"

@@ -23,8 +23,7 @@ from capsbayes import Surrogate, diagnose
 from capsbayes.database import Database
 from capsbayes.diagnosis import UNKNOWN, Study, Verdict
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
-from evidence.benchmarks.marked import renew
-from evidence.markdown import table_lines
+from evidence.markdown import renew, table_lines
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "hidden-sessions.json", ROOT / "docs" / "diagnosing.md"

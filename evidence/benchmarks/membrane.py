@@ -23,7 +23,7 @@ from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
-from evidence.benchmarks.marked import renew
+from evidence.markdown import renew
 from evidence.rebuild import membrane_places
 
 ROOT = Path(__file__).parents[2]

@@ -42,9 +42,9 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from evidence.benchmarks import membrane_coverage, membrane_pools
-from evidence.benchmarks.marked import renew
 from evidence.benchmarks.membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
 from evidence.benchmarks.population_coverage import share
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-batches.json", ROOT / "docs" / "shared-membrane.md"

@@ -35,8 +35,8 @@ from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
-from evidence.benchmarks.marked import renew
 from evidence.benchmarks.population_coverage import share
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-coverage.json", ROOT / "docs" / "membrane.md"

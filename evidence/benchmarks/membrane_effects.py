@@ -36,7 +36,7 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 from evidence.benchmarks import membrane_pools
-from evidence.benchmarks.marked import renew
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-effects.json", ROOT / "docs" / "diagnosing.md"

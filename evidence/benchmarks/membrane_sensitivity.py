@@ -27,9 +27,9 @@ from capsbayes.membrane_database import FREE_PARAMETERS
 from capsbayes.plan.widths import LOGARITHMIC
 from capsbayes.run import Store
 from evidence.benchmarks import membrane_batches, membrane_coverage, membrane_pools
-from evidence.benchmarks.marked import renew
 from evidence.benchmarks.membrane_batches import PUMP, Session
 from evidence.benchmarks.membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "membrane-sensitivity.json", ROOT / "docs" / "sensitivity.md"

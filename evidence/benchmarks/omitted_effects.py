@@ -22,9 +22,8 @@ from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, Noise, draw_session
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.search import Comparison
-from evidence.benchmarks.marked import renew
 from evidence.exam.sessions import CELLS, Cell, pool_name
-from evidence.markdown import table_lines
+from evidence.markdown import renew, table_lines
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "omitted-effects.json", ROOT / "docs" / "limits.md"

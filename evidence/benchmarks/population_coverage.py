@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from evidence.benchmarks.marked import renew
+from evidence.markdown import renew
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 from drawn_populations import TRUTH, drawn_population

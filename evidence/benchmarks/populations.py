@@ -2,11 +2,10 @@
 
 Run ``python -m evidence.benchmarks.populations [scale|coverage|selection] [--numbers 1000,10000] [--sessions 500]``.
 Scale: tables of lengths of drawn capsules, identified by `identify_folder` in two processes, each number in a process
-of its own; wall time, processor time and largest memory of all processes together. For comparison, the point estimates
-of stiffness of dclab, if it is installed: for cells in another flow and without uncertainty, a measure of speed alone.
-Coverage: sessions of 150 and 1000 capsules with a viscosity known to 5 % and a half width known to 1 %, and how often
-95 % intervals of the population contain the truth; also with viscosity and half width taken as exact. Selection: only
-capsules above Lambda = 1.08, with the cut ignored and accounted for.
+of its own; wall time, processor time and largest memory of all processes together. Coverage: sessions of 150 and 1000
+capsules with a viscosity known to 5 % and a half width known to 1 %, and how often 95 % intervals of the population
+contain the truth; also with viscosity and half width taken as exact. Selection: only capsules above Lambda = 1.08, with
+the cut ignored and accounted for.
 """
 
 from __future__ import annotations
@@ -83,7 +82,6 @@ def scale(numbers: list[int], console: Console) -> None:
         cells = (f"{found['wall']:.1f}", rate, f"{found['processor']:.1f}", f"{found['memory']:.2f}")
         table.add_row(f"{number:,}", *cells, f"{found['done']:.1%}")
     console.print(table)
-    console.print(peer(), markup=False)
 
 
 def one(number: int) -> dict[str, float]:
@@ -140,28 +138,6 @@ class PeakMemory:
                 with contextlib.suppress(psutil.NoSuchProcess):
                     total += process.memory_info().rss
             self.peak = max(self.peak, total)
-
-
-def peer() -> str:
-    try:
-        import dclab
-        from dclab.features.emodulus import get_emodulus
-    except ImportError:
-        return "dclab is not installed: no peer."
-    rng = np.random.default_rng(1)
-    area, deformation = rng.uniform(40.0, 120.0, 200_000), rng.uniform(0.01, 0.1, 200_000)
-    known: dict[str, Any] = {"medium": "0.49% MC-PBS", "channel_width": 20.0, "flow_rate": 0.16, "px_um": 0.34}
-    start = time.perf_counter()
-    get_emodulus(
-        area_um=area,
-        deform=deformation,
-        temperature=23.0,
-        visc_model="herold-2017",
-        lut_data="LE-2D-FEM-19",
-        **known,
-    )
-    rate = len(area) / (time.perf_counter() - start)
-    return f"dclab {dclab.__version__}, point estimates in one process: {rate:.0f} a second."
 
 
 @cache

@@ -33,8 +33,8 @@ from capsbayes.infer import Quadrature
 from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
-from evidence.benchmarks.marked import renew
 from evidence.benchmarks.pictures import scenery
+from evidence.markdown import renew
 
 ROOT = Path(__file__).parents[2]
 STORED, PAGE = ROOT / "docs" / "data" / "silhouettes.json", ROOT / "docs" / "measuring.md"

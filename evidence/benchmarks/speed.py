@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from evidence.benchmarks.marked import renew
+from evidence.markdown import renew
 
 if TYPE_CHECKING:
     from capsbayes import Measurement, Surrogate
