@@ -13,9 +13,9 @@ import argparse
 import json
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from threadpoolctl import threadpool_limits
 
@@ -136,35 +136,39 @@ def _capsules(answers: list[dict[str, Any]]) -> str:
     return words if measured == sum(drawn) else f"{words}, {measured / sum(drawn):.0%} of them measured"
 
 
-def stored() -> list[dict[str, Any]]:
+def stored(file: Path = STORED) -> list[dict[str, Any]]:
     """Return the answers so far."""
-    return json.loads(STORED.read_text()) if STORED.exists() else []
+    return json.loads(file.read_text()) if file.exists() else []
 
 
-def write(marks: tuple[str, str], lines: list[str]) -> None:
-    """Write a table into the page, between its marks."""
-    renew(PAGE, *marks, "".join(f"{line}\n" for line in lines))
-
-
-def main() -> None:
-    """Diagnose further sessions, and print the table of all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def diagnosed(
+    description: str | None,
+    rows: Sequence[Any],
+    file: Path,
+    marks: tuple[str, str],
+    answered: Callable[[Any, int, Surrogate], dict[str, Any]],
+    view: Literal["mid-plane", "silhouette"] = "mid-plane",
+) -> None:
+    """Diagnose further sessions of some rows, and print the table of all; their answers are kept in a file."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=0, help="of each row: those with seeds 1 to this")
-    parser.add_argument("--rows", nargs="*", type=int, default=range(len(ROWS)), help="numbers from 0; by default all")
+    parser.add_argument("--only", default="", help="rows whose name contains this")
     parser.add_argument("--write", action="store_true", help="renew the table of the page")
     given = parser.parse_args()
-    model = Surrogate.open("square-neo-hookean")
+    model = Surrogate.open("square-neo-hookean", view=view)
+    assert isinstance(model, Surrogate)
     for seed in range(1, given.sessions + 1):
-        for row in (ROWS[number] for number in given.rows):
-            answers = stored()
-            if not any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in answers):
+        for row in rows:
+            there = any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in stored(file))
+            if given.only in row.hidden and not there:
                 with threadpool_limits(1):
-                    answers.append(answered(row, seed, model))
-                STORED.write_text(json.dumps(answers, indent=1) + "\n")
-    print("\n".join(table(ROWS, stored())))
+                    answer = answered(row, seed, model)
+                file.write_text(json.dumps([*stored(file), answer], indent=1) + "\n")
+    lines = "".join(f"{line}\n" for line in table(rows, stored(file)))
+    print(lines)
     if given.write:
-        write(MARKS, table(ROWS, stored()))
+        renew(PAGE, *marks, lines)
 
 
 if __name__ == "__main__":
-    main()
+    diagnosed(__doc__, ROWS, STORED, MARKS, answered)

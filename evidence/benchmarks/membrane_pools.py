@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from itertools import combinations
 from pathlib import Path
@@ -140,18 +140,24 @@ class Starts:
         return next((state for state in ends if state is not None), None)
 
 
-def simulate_capsules(store: Store, continuation: Continuation) -> None:
+def drawn_capsule(number: int) -> Floats:
+    """Draw the parameters (6,) of a single capsule."""
+    return drawn_values(np.random.default_rng([SEED, 0, number]))
+
+
+def simulate_singles(
+    store: Store, continuation: Continuation, name: str, count: int, drawn: Callable[[int], Floats]
+) -> None:
     """Simulate the single capsules that the store lacks."""
     starts = Starts(continuation)
-    for number in range(CAPSULES):
-        name = f"capsule-{number:03d}"
-        if store.holds(name):
+    for number in range(count):
+        if store.holds(part := f"{name}-{number:03d}"):
             continue
-        values = drawn_values(np.random.default_rng([SEED, 0, number]))
+        values = drawn(number)
         state = starts.reached(continuation.places(values[None])[0], derivatives=False)
         seen = {} if state is None else continuation.seen(state)
-        store.save(name, {"values": values, "reached": state is not None, **seen})
-        print(f"{number + 1} of {CAPSULES}", flush=True)
+        store.save(part, {"values": values, "reached": state is not None, **seen})
+        print(f"{number + 1} of {count}", flush=True)
 
 
 class Batch(NamedTuple):
@@ -255,20 +261,6 @@ def drawn_pair(number: int) -> Floats:
             return values
 
 
-def simulate_pairs(store: Store, continuation: Continuation) -> None:
-    """Simulate the pairs that the store lacks."""
-    starts = Starts(continuation)
-    for number in range(PAIRS):
-        name = f"pair-{number:03d}"
-        if store.holds(name):
-            continue
-        values = drawn_pair(number)
-        state = starts.reached(continuation.places(values[None])[0], derivatives=False)
-        seen = {} if state is None else continuation.seen(state)
-        store.save(name, {"values": values, "reached": state is not None, **seen})
-        print(f"{number + 1} of {PAIRS}", flush=True)
-
-
 def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     """Simulate the capsules of other laws that the folder lacks, and return all of them by law."""
     general, found = membrane_continuation("square"), {}
@@ -351,9 +343,9 @@ def main() -> None:
     try:
         with threadpool_limits(limits=1):
             if options.kind == "pairs":
-                simulate_pairs(store, continuation)
+                simulate_singles(store, continuation, "pair", PAIRS, drawn_pair)
             elif options.kind == "capsules":
-                simulate_capsules(store, continuation)
+                simulate_singles(store, continuation, "capsule", CAPSULES, drawn_capsule)
             else:
                 simulate_batches(store, continuation, options.kind, options.first or BATCHES[options.kind])
     finally:

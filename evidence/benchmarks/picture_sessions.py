@@ -13,8 +13,6 @@ and prints the table of all answers. ``--write`` renews the table in ``docs/diag
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +22,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from capsbayes import Quantity, Surrogate, diagnose
 from capsbayes.database import Database
@@ -34,10 +31,9 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
-from evidence.benchmarks import hidden_sessions
 from evidence.benchmarks.camera import Camera, Capsule, Grey, Looks, View, photograph
 from evidence.benchmarks.conditions import HALF_WIDTH, MARGIN, some_camera, some_looks
-from evidence.benchmarks.hidden_sessions import answer_of, table
+from evidence.benchmarks.hidden_sessions import answer_of, diagnosed
 from evidence.exam.sessions import drawn_lab
 
 ROOT = Path(__file__).parents[2]
@@ -170,31 +166,5 @@ def measured(picture: Grey, empty: Grey, velocity: Quantity, experiment: Experim
     return measurement_of(detect(whole, background=Picture.from_array(empty)), whole, experiment, velocity)
 
 
-def stored() -> list[dict[str, Any]]:
-    """Return the answers so far."""
-    return json.loads(STORED.read_text()) if STORED.exists() else []
-
-
-def main() -> None:
-    """Diagnose further sessions, and print the table of all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sessions", type=int, default=0, help="of each row: those with seeds 1 to this")
-    parser.add_argument("--only", default="", help="rows whose name contains this")
-    parser.add_argument("--write", action="store_true", help="renew the table of the page")
-    given = parser.parse_args()
-    model = Surrogate.open("square-neo-hookean", view="silhouette")
-    assert isinstance(model, Surrogate)
-    for seed in range(1, given.sessions + 1):
-        for row in ROWS:
-            there = any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in stored())
-            if given.only in row.hidden and not there:
-                with threadpool_limits(1):
-                    answer = answered(row, seed, model)
-                STORED.write_text(json.dumps([*stored(), answer], indent=1) + "\n")
-    print("\n".join(table(ROWS, stored())))
-    if given.write:
-        hidden_sessions.write(MARKS, table(ROWS, stored()))
-
-
 if __name__ == "__main__":
-    main()
+    diagnosed(__doc__, ROWS, STORED, MARKS, answered, view="silhouette")

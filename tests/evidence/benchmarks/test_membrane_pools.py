@@ -20,10 +20,8 @@ def counts():
 
 
 def test_capsules_are_those_drawn():
-    drawn = [
-        membrane_pools.drawn_values(np.random.default_rng([membrane_pools.SEED, 0, number]))
-        for number in range(len(CAPSULES["values"]) + len(CAPSULES["not_reached"]))
-    ]
+    count = len(CAPSULES["values"]) + len(CAPSULES["not_reached"])
+    drawn = [membrane_pools.drawn_capsule(number) for number in range(count)]
     stored = np.concatenate([CAPSULES["values"], CAPSULES["not_reached"]])
     assert covered(np.array(drawn)).all()
     np.testing.assert_allclose(np.sort(stored, axis=0), np.sort(drawn, axis=0), rtol=1e-12)
