@@ -235,7 +235,13 @@ def stored(
     cells: Sequence[Cell], pools: str | os.PathLike[str], out: str | os.PathLike[str], *, half: str = "development"
 ) -> Answers:
     """Return the answers that `examine` has kept."""
-    return {cell.name: _read(Path(out) / half, cell, _work_of(cell, os.fspath(pools))) for cell in cells}
+    # The pool of a cell without answers need not be there.
+    folder = Path(out) / half
+    return {
+        cell.name: _read(folder, cell, _work_of(cell, os.fspath(pools)))
+        for cell in cells
+        if _records(folder, cell).path.exists()
+    }
 
 
 def _rounds(last: int) -> Iterator[tuple[int, int]]:

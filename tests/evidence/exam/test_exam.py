@@ -215,6 +215,10 @@ def test_a_session_is_drawn_from_the_shapes_that_its_answer_names(square_databas
         assert shapes["size_ratio"][capsule.row] == capsule.size_ratio
 
 
+def test_cells_without_answers_need_no_shapes(tmp_path):
+    assert stored(CELLS, tmp_path / "pools", tmp_path / "out") == {}
+
+
 @pytest.mark.slow
 def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     square_database.write(tmp_path / f"{pool_name('none', 0.0)}.nc")
@@ -228,7 +232,7 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     assert more["nothing"][1].p_value == first["nothing"][1].p_value
     assert sorted(more["nothing"]) == [1, 2]
     assert sorted(stored([few], tmp_path, tmp_path / "out")["nothing"]) == [1, 2]
-    assert stored([few], tmp_path, tmp_path / "out", half="locked")["nothing"] == {}
+    assert stored([few], tmp_path, tmp_path / "out", half="locked") == {}
 
 
 @pytest.mark.slow
