@@ -44,7 +44,7 @@ def test_the_check_of_the_tails_objects_where_they_are_heavy(counts):
     assert rate["t3"] > 0.5
 
 
-def test_one_session_is_counted(benchmark):
+def test_one_session_is_counted():
     counted = benchmark.session("lost", 0)
     assert counted["sessions"] == counted["passed"] == 1
     assert 40 < counted["seen"] < counted["drawn"] == benchmark.DRAWN
