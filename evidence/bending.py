@@ -14,17 +14,16 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.problem import Iterate
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.continuation.branches import parachute
-from capsbayes.physics.surface.octasphere import prolonged
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Simulator
 from capsbayes.arrays import Floats
+from capsbayes.physics.continuation import parachute
+from capsbayes.physics.load import profile
+from capsbayes.physics.steady import Iterate, steady_state
+from capsbayes.physics.surface import prolonged
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"

@@ -19,16 +19,13 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from capsbayes.physics.capsule.outlines import profile
-from capsbayes.physics.capsule.problem import Iterate, Problem
-from capsbayes.physics.capsule.steady_state import steady_state
-from capsbayes.physics.capsule.transient import growth_rates, transient
-from capsbayes.physics.continuation.arclength import fold, traced
-from capsbayes.physics.continuation.branches import near_rest, parachute
-from capsbayes.physics.continuation.settling import is_shallow, settled
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Simulator
+from capsbayes.physics.continuation import fold, is_shallow, near_rest, parachute, settled, traced
+from capsbayes.physics.load import profile
+from capsbayes.physics.steady import Iterate, Problem, steady_state
+from capsbayes.physics.transient import growth_rates, transient
 
 matplotlib.use("agg")
 import matplotlib.pyplot as plt

@@ -14,7 +14,6 @@ ROUNDING_CANNOT_REACH = (  # of the folders above: interrupted work, texts, file
     "infer/test_posterior_file.py",
     "infer/test_prior.py",
     "surrogate/test_caveats.py",
-    "surrogate/test_off_nodes.py",
 )
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported

@@ -9,8 +9,14 @@ import pkgutil
 import pytest
 
 import capsbayes
+import evidence
 
-MODULES = sorted(module.name for module in pkgutil.walk_packages(capsbayes.__path__, "capsbayes."))
+MODULES = sorted(
+    module.name
+    for package in (capsbayes, evidence)
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    if not module.name.startswith("evidence.benchmarks.")
+)
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -27,7 +27,6 @@ from results import population, posterior
 
 from capsbayes.database import Database, content_hash
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.evidence.verification.topic import Results
 from capsbayes.experiment import Experiment
 from capsbayes.files.csv_file import read_columns
 from capsbayes.image.contour import ContourFile
@@ -40,6 +39,7 @@ from capsbayes.membrane_database import MembraneDatabase
 from capsbayes.physics.build import read_cases
 from capsbayes.run import Records, Store
 from capsbayes.show.report import opened
+from evidence.verification.topic import Results
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 CHANNEL = Experiment(cross_section="square", half_width="25 um", viscosity="0.85 Pa s")

@@ -1,8 +1,8 @@
 """Drawn pictures of capsules whose parameters are known: a picture, a film, a traced contour and an .rtdc file.
 
 `--out FOLDER` draws the files that lie next to this script, from the shipped database and a seed; without it the
-picture next to this script is measured and identified. The renderer is that of `benchmarks/camera.py`, which shares no
-code with what measures pictures. Reading and writing the .rtdc file needs `pip install ".[rtdc]"`.
+picture next to this script is measured and identified. The renderer is that of `evidence/benchmarks/camera.py`, which
+shares no code with what measures pictures. Reading and writing the .rtdc file needs `pip install ".[rtdc]"`.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from capsbayes.experiment import capillary_number
 from capsbayes.quantity import Quantity
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "benchmarks"))
-from camera import Camera, Capsule, View, film, photograph  # noqa: E402
+sys.path.insert(0, str(HERE.parents[1]))
+from evidence.benchmarks.camera import Camera, Capsule, View, film, photograph  # noqa: E402
 
 MODULUS, FLOW, VISCOSITY = 50e-3, 3.75e-3, 0.80  # N/m, m/s, Pa s
 RADIUS, RADII_OF_EVENTS = 23.5e-6, (18e-6, 19e-6, 20e-6)  # m

@@ -10,8 +10,6 @@ from capsbayes import Surrogate
 from capsbayes.cli.effects_file import own_effects
 from capsbayes.effects import catalogue
 from capsbayes.errors import BrokenPromiseError, CapsbayesError
-from capsbayes.evidence.exam.cells import cells_with
-from capsbayes.run import run_tasks
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_effect" / "own_effect.py"
 IMPORTS = """
@@ -99,28 +97,14 @@ def test_an_effect_is_hidden_in_stored_shapes_and_tried(tmp_path, monkeypatch, c
     assert [row["parameter"] for row in told["candidates"]] == ["glare"]
 
 
-@pytest.mark.parametrize("command", ["diagnose", "hide", "exam"])
+@pytest.mark.parametrize("command", ["diagnose", "hide"])
 def test_each_command_refuses_a_bad_file(tmp_path, monkeypatch, capsys, command):
     path = tmp_path / "mine.py"
     path.write_text("x = 1\n")
     words = {
         "diagnose": (EXAMPLE.parents[1] / "drifting_modulus" / "capsules",),
         "hide": ("--effect", "none", "--out", tmp_path / "out"),
-        "exam": ("--pools", tmp_path / "pools", "--out", tmp_path / "out"),
     }[command]
     error = mistake(monkeypatch, capsys, command, *words, "--effects", path)
     assert error.startswith(f"capsbayes: {path}: expected an effect")
     assert [file.name for file in tmp_path.iterdir()] == ["mine.py"]
-
-
-@pytest.mark.slow
-def test_the_exam_hides_them_and_tries_them_in_worker_processes(model):
-    own = own_effects(EXAMPLE, catalogue(), model)
-    cells = cells_with(own.effects, own.sha256)
-    mine = [cell for cell in cells if cell.effect == "flank_shift"]
-    assert len(mine) == 2
-    assert 0.0 < mine[0].size < mine[1].size
-    assert mine[1].true_effect(mine[1].drawn(1)[0]).unit == "m"
-    (tried,) = run_tasks([lambda: [*mine[0].candidates()]], None, 1)
-    assert {*tried} == {*catalogue(), "flank_shift"}
-    assert all("flank_shift" in cell.candidates() for cell in cells)

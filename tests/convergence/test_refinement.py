@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from capsbayes import Database, Simulator, Status
-from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
 from capsbayes.physics.channel import SquareChannel
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.steady import Problem
 from capsbayes.physics.stokes import SingleLayer
 from capsbayes.physics.surface import octasphere
+from evidence.verification.closed_forms import rigid_sphere
 
 REFINEMENTS = np.array([6, 8, 10])
 POINTS = ((0.03, 0.8), (0.05, 0.9), (0.08, 0.95))

@@ -9,6 +9,7 @@ import pytest
 from capsbayes import Session, Surrogate
 from capsbayes.database import Database
 from capsbayes.diagnosis import Verdict, diagnose, find
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.diagnosis.finding import FLOW
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import log_likelihood, whitening
@@ -22,7 +23,6 @@ from capsbayes.effects import (
     PixelScale,
     VelocityScale,
 )
-from capsbayes.evidence.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.model import FixedParameters
 from capsbayes.show.words.study import opening
 from capsbayes.testing import check_effect

@@ -5,6 +5,7 @@ import pytest
 
 from capsbayes import Surrogate
 from capsbayes.database import Database
+from capsbayes.diagnosis.blind import distorted, enlarged, in_perspective
 from capsbayes.effects import (
     ChannelSwelling,
     FlowRateError,
@@ -24,7 +25,6 @@ from capsbayes.effects import (
 )
 from capsbayes.effects.simulated import SIMULATED, Simulated
 from capsbayes.errors import DatabaseError, InputError
-from capsbayes.evidence.blind.optics import distorted, enlarged, in_perspective
 from capsbayes.model import Effect, Extended
 from capsbayes.profile import Profile
 from capsbayes.testing import check_effect, check_model

@@ -45,7 +45,11 @@ class Desk:
         """
         before = self._files()
         told = subprocess.run(
-            [*(program or touches.COMMAND), *arguments], cwd=self.folder, capture_output=True, text=True, check=False
+            [*program, *arguments] if program else touches.command_line(arguments),
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         changed = [name for name, stamp in self._files().items() if before.get(name) != stamp]
         return {

@@ -32,7 +32,7 @@ ENVIRONMENT = {
 
 def restart_in_it() -> None:
     """Start this program again in the environment, unless it is there already, with the package of this checkout."""
-    source = str(REPOSITORY / "src")
+    source = os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])
     wanted = ENVIRONMENT | {"PYTHONPATH": source, "GOLDEN_RECORD": "1"}
     if any(os.environ.get(name) != value for name, value in wanted.items()):
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | wanted)

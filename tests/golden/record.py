@@ -14,8 +14,8 @@ The sections, in the order in which they are run:
 ``batch``      500 rows of ``capsbayes batch`` with ``--check``, and the population
 ``words``      what each command prints and writes, the text of each kind of page, mistakes
 ``build``      coarse databases, one of them killed half-way and taken up again
-``exam``       one diagnosed session of each cell of ``capsbayes exam``
-``verify``     the numbers of ``capsbayes verify`` but for its slowest section
+``exam``       one diagnosed session of each cell of ``evidence.exam``
+``verify``     the numbers of ``evidence.verification`` but for its slowest section
 ``transients`` that section
 =============  =====================================================================================
 

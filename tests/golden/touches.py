@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,18 @@ import numpy as np
 
 COMMAND = [sys.executable, "-c", "import sys; sys.argv[0] = 'capsbayes'; from capsbayes.cli import main; main()"]
 
+_MOVED = {"exam": "exam", "verify": "verification", "rebuild": "rebuild"}  # run as ``python -m evidence.NAME``
+
+
+def command_line(arguments: Sequence[str]) -> list[str]:
+    """Return the words that run a command with its arguments."""
+    name, *rest = arguments
+    return [sys.executable, "-m", f"evidence.{_MOVED[name]}", *rest] if name in _MOVED else [*COMMAND, *arguments]
+
+
 COMMANDS = (
-    *("simulate", "build", "rebuild", "validate", "measure", "identify", "batch", "population", "diagnose", "report"),
-    *("atlas", "transient", "verify", "hide", "exam", "sensitivity"),
+    *("simulate", "build", "validate", "measure", "identify", "batch", "population", "diagnose", "report"),
+    *("atlas", "transient", "hide", "sensitivity"),
     *("sensitivity budget", "sensitivity flow", "sensitivity map", "sensitivity sobol"),
 )
 

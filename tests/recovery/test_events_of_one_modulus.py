@@ -1,7 +1,6 @@
 """Six drawn events of one shear modulus in one flow: each has its own velocity, and all have the flow rate."""
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +10,10 @@ from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image.rtdc import measure_rtdc
 from capsbayes.infer import identify
 from capsbayes.surrogate import Surrogate
+from evidence.benchmarks.camera import Camera, Capsule, View, photograph
 
 h5py = pytest.importorskip("h5py")
 pytest.importorskip("hdf5plugin")
-sys.path.insert(0, str(Path("benchmarks").resolve()))
-from camera import Camera, Capsule, View, photograph  # noqa: E402
 
 MODULUS, FLOW, VISCOSITY, HALF_WIDTH, PIXEL = 50e-3, 3.75e-3, 0.80, 25e-6, 0.68e-6
 RADII = np.array([18.0, 19.0, 20.0, 21.0, 22.0, 23.0]) * 1e-6

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from processes import capsbayes, members, wait_until
 
-from capsbayes.evidence.blind.pools import pool_name
+from evidence.exam.sessions import pool_name
 
 pytestmark = pytest.mark.slow
 
@@ -140,12 +140,12 @@ def test_a_build(tmp_path, compare):
 def test_a_rebuild(tmp_path):
     """Of a shipped database whose recipe is made small; the parts of both runs are those of the same recipe."""
     small = (
-        "from dataclasses import replace; from capsbayes.physics import recipes as r; "
+        "from dataclasses import replace; from evidence import rebuild as r; "
         "s = r.Simulator(refinement=4); c = [(ca, size) for size in (0.8, 0.9) for ca in (0.02, 0.05, 0.07)]; "
         "r.RECIPES['square-rest-aspect'] = r.Recipe(s, c, 'rest_aspect', (0.95, 1.0, 1.05)); "
-        "from capsbayes.cli import main; main()"
+        "r.main()"
     )
-    command = ("rebuild", "square-rest-aspect", "--workers", "2", "--out")
+    command = ("square-rest-aspect", "--workers", "2", "--out")
     longest = finished(*command, "whole.nc", where=tmp_path, program=small)
     rng = np.random.default_rng(4)
     killed_again_and_again(*command, "killed.nc", where=tmp_path, longest=longest, rng=rng, program=small)
@@ -157,9 +157,11 @@ def test_an_exam(tmp_path):
     (tmp_path / "pools").mkdir()
     pool = f"{pool_name('none', 0.0)}.nc"
     shutil.copy(Path(__file__).parents[2] / "data" / "pools" / pool, tmp_path / "pools" / pool)
-    command = ("exam", "--pools", "pools", "--only", "swelling 2.5", "--sessions", "2", "--workers", "2", "--out")
-    longest = finished(*command, "whole", where=tmp_path)
-    killed_again_and_again(*command, "killed", where=tmp_path, longest=longest, rng=np.random.default_rng(5))
+    program = "from evidence.exam.__main__ import main; main()"
+    command = ("--pools", "pools", "--only", "swelling 0.01", "--sessions", "2", "--workers", "2", "--out")
+    longest = finished(*command, "whole", where=tmp_path, program=program)
+    rng = np.random.default_rng(5)
+    killed_again_and_again(*command, "killed", where=tmp_path, longest=longest, rng=rng, program=program)
 
     def answers(folder):
         records = [json.loads(line) for file in folder.rglob("*.jsonl") for line in file.read_text().splitlines()]

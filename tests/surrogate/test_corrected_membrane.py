@@ -1,6 +1,5 @@
 """The corrected surrogate over the membrane agrees with the finer databases, and with simulations better than sums."""
 
-import membrane_pools
 import numpy as np
 import pytest
 
@@ -10,6 +9,7 @@ from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.profile import vertex_normals
 from capsbayes.testing import check_model
+from evidence.benchmarks import membrane_pools
 
 CAPSULES = {"capillary_number": np.array([0.045, 0.06, 0.08]), "size_ratio": np.array([0.82, 0.9, 0.95])}
 PAIR = {"pre_inflation": 0.03, "strain_hardening": 0.6}

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capsbayes.evidence.verification.rigid_sphere import rigid_sphere
 from capsbayes.physics.channel import CircularChannel, RectangularChannel, RoundedSquareChannel, SquareChannel
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.steady import Problem
 from capsbayes.physics.stokes import SingleLayer, WallDiscretisation
 from capsbayes.physics.surface import octasphere
+from evidence.verification.closed_forms import rigid_sphere
 
 COARSE_WALLS = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
 

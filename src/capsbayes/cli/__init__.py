@@ -30,8 +30,8 @@ COMMANDS = {
     "Many capsules": ("batch", "population", "membrane"),
     "What the model misses": ("diagnose",),
     "Plan measurements": ("sensitivity",),
-    "Simulate and build": ("simulate", "transient", "build", "rebuild", "atlas"),
-    "Evidence": ("validate", "verify", "hide", "exam"),
+    "Simulate and build": ("simulate", "transient", "build", "atlas"),
+    "Evidence": ("validate", "hide"),
 }
 
 _HOMES = {"app": "bench"}  # modules of commands, where the command's name is taken

@@ -18,7 +18,7 @@ from capsbayes.files.output_file import together, write_file
 _LARGEST = {"m": 1e-4, "s": 0.1, "s/m": 1e3}  # size of an effect by its unit; of a ratio 10
 
 if TYPE_CHECKING:
-    from capsbayes.evidence.blind import BlindSession, TrueEffect
+    from capsbayes.diagnosis.blind import BlindSession, TrueEffect
 
 
 def hide(
@@ -53,8 +53,7 @@ def hide(
     A capsule takes about half a minute of one core, or nothing with --shapes. Finished shapes are kept, so that
     the command can be stopped and run again. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.evidence.blind import Lab, draw_session, simulate_session
-    from capsbayes.evidence.blind.pools import read_shapes
+    from capsbayes.diagnosis.blind import Lab, draw_session, read_shapes, simulate_session
 
     true_effect = _true_effect(effect, effects)
     value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
@@ -78,8 +77,8 @@ def hide(
 
 def _true_effect(name: str, effects: Path | None) -> TrueEffect:
     """Return the true effect of a name, which may be that of a parameter of the file of effects."""
+    from capsbayes.diagnosis.blind import true_effect_named, true_effect_of
     from capsbayes.effects import catalogue
-    from capsbayes.evidence.blind import true_effect_named, true_effect_of
     from capsbayes.surrogate import Surrogate
 
     if effects is None:

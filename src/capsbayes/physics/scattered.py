@@ -18,12 +18,10 @@ from threadpoolctl import threadpool_limits
 from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.interruption import keeping
-from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
 from capsbayes.physics import load as outlines
 from capsbayes.physics.build import OUTLINE_POINTS
-from capsbayes.physics.continuation import SLACK_LIMIT
 from capsbayes.physics.load import changed, parameters_of
 from capsbayes.physics.membrane import GeneralLaw
 from capsbayes.physics.simulator import Simulator, SteadyState
@@ -377,31 +375,9 @@ def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[
     return {name: (values, np.stack(along[name], axis=-1)) for name, values in here.items()}
 
 
-# Recipe of the states over flow and membrane that come with the library.
-#
-# The places follow Sobol's sequence, stretched along Ca to where states are sought at each size, inflation and
-# hardening.
-# In six dimensions most of a box is near its border, where a polynomial through the states of one side is off by far
-# more
-# than inside; and the known laws are on it. So some of the places are moved to the border
-
-
-class Recipe(NamedTuple):
-    """A cross-section, and how many places are sought within the range and on its border."""
-
-    cross_section: str
-    states: int
-    border_states: int
-
-
-MEMBRANES = {
-    "membrane-square": Recipe("square", 2048, 1024),
-    "membrane-circular": Recipe("circular", 1024, 512),
-}
-"""Recipes of the shipped databases over the membrane, by their names."""
+# The states over flow and membrane that come with the library, and how they are continued
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
-_NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
 _FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
 
 
@@ -418,70 +394,6 @@ def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuati
         bending_energy="curvature",
     )
     return Continuation(simulator, tuple(axes))
-
-
-def membrane_start(continuation: Continuation) -> ScatteredState:
-    """Return the state from which the others are reached: a parachute, sought from rest."""
-    return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
-
-
-def spread_points(states: int, border_states: int) -> Floats:
-    """Return points (n, 6) from 0 to 1: first some spread evenly, then some that follow them, moved to the border."""
-    # Of the latter, coordinates of the membrane and of the size that are near to an end are moved there: on the average
-    # two of a point, so that all faces and many edges and corners have states.
-    points = sobol_places(states + border_states, len(FREE_PARAMETERS))
-    of_membrane = points[states:, 1:]
-    of_membrane[of_membrane < _NEAR] = 0.0
-    of_membrane[of_membrane > 1.0 - _NEAR] = 1.0
-    return points
-
-
-def membrane_places(continuation: Continuation, points: Floats) -> Floats:
-    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
-    places = points.copy()
-    _, size, inflation, _, hardening, _ = continuation.values(places).T
-    cross_section = str(continuation.settings["cross_section"])
-    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
-    along = continuation.axes[0]
-    places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
-    return places
-
-
-@guarded()
-def build_membranes(
-    name: str,
-    *,
-    out: str | os.PathLike[str],
-    states: int | None = None,
-    border_states: int | None = None,
-    refinement: int = 8,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-) -> MembraneDatabase:
-    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``."""
-    # States that the mesh does not resolve count as lost.
-    if name not in MEMBRANES:
-        raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
-    check_replaceable(Path(out))
-    recipe = MEMBRANES[name]
-    within = recipe.states if states is None else states
-    on_border = recipe.border_states if border_states is None else border_states
-    continuation = membrane_continuation(recipe.cross_section, refinement)
-    places = membrane_places(continuation, spread_points(within, on_border))
-    found = scattered_states(
-        continuation,
-        membrane_start(continuation),
-        places,
-        folder=f"{os.fspath(out)}.parts",
-        scheduler=scheduler,
-        workers=workers,
-        progress=progress,
-    )
-    resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
-    database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
-    database.write(out)
-    return database
 
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:

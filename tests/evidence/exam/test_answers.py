@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.evidence.exam.answer import Answer
-from capsbayes.evidence.exam.cells import CELLS, HALVES
-from capsbayes.evidence.exam.examine import _records
-from capsbayes.evidence.exam.frozen import frozen
-from capsbayes.evidence.exam.page import exam_page
+from evidence.exam.answers import Answer, _records, frozen
+from evidence.exam.page import exam_page
+from evidence.exam.sessions import CELLS, HALVES
 
 ROOT = Path(__file__).parents[3]
 DOCS, EXAM = ROOT / "docs", ROOT / "data" / "exam"

@@ -8,21 +8,31 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capsbayes.cli.effects_file import own_effects
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Verdict
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Noise, _pairs, draw_session, edge_errors
+from capsbayes.effects import catalogue
 from capsbayes.errors import InputError
-from capsbayes.evidence.blind.capsule import edge_errors
-from capsbayes.evidence.blind.effects import TRUE_EFFECTS
-from capsbayes.evidence.blind.lab import Noise
-from capsbayes.evidence.blind.pools import POOLS, pool_name, read_pool
-from capsbayes.evidence.blind.session import _pairs, draw_session
-from capsbayes.evidence.exam.answer import Answer, answer_session, log_score, outcome_of
-from capsbayes.evidence.exam.bounds import Share
-from capsbayes.evidence.exam.cells import CELLS, Cell
-from capsbayes.evidence.exam.examine import _APART, _rounds, examine, stored
-from capsbayes.evidence.exam.frozen import check_frozen, code_digest, freeze, frozen
-from capsbayes.evidence.exam.page import exam_page
+from capsbayes.run import run_tasks
 from capsbayes.surrogate import Surrogate
+from evidence.exam.answers import (
+    _APART,
+    Answer,
+    _rounds,
+    answer_session,
+    check_frozen,
+    code_digest,
+    examine,
+    freeze,
+    frozen,
+    log_score,
+    outcome_of,
+    stored,
+)
+from evidence.exam.page import Share, exam_page
+from evidence.exam.sessions import CELLS, POOLS, Cell, cells_with, pool_name, read_pool
 
+OWN_EFFECT = Path(__file__).parents[3] / "examples" / "own_effect" / "own_effect.py"
 HALO = Cell("halo", "halo", 0.02, known=True, sessions=10, clear=True)
 PATTERN = Cell("pattern", "pattern", 0.02, known=False, sessions=10)
 NOTHING_HIDDEN = Cell("nothing", "none", 0.0, known=True, sessions=10)
@@ -179,6 +189,10 @@ def test_a_session_is_drawn_from_the_shapes_that_its_answer_names(square_databas
         assert shapes["size_ratio"][capsule.row] == capsule.size_ratio
 
 
+def test_cells_without_answers_need_no_shapes(tmp_path):
+    assert stored(CELLS, tmp_path / "pools", tmp_path / "out") == {}
+
+
 @pytest.mark.slow
 def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     square_database.write(tmp_path / f"{pool_name('none', 0.0)}.nc")
@@ -192,7 +206,7 @@ def test_answers_are_kept_and_not_sought_again(tmp_path, square_database):
     assert more["nothing"][1].p_value == first["nothing"][1].p_value
     assert sorted(more["nothing"]) == [1, 2]
     assert sorted(stored([few], tmp_path, tmp_path / "out")["nothing"]) == [1, 2]
-    assert stored([few], tmp_path, tmp_path / "out", half="locked")["nothing"] == {}
+    assert stored([few], tmp_path, tmp_path / "out", half="locked") == {}
 
 
 @pytest.mark.slow
@@ -208,3 +222,16 @@ def test_a_session_of_every_cell_comes_first():
     assert list(_rounds(0)) == []
     assert list(_rounds(3)) == [(1, 1), (2, 2), (3, 3)]
     assert list(_rounds(10)) == [(1, 1), (2, 2), (3, 4), (5, 8), (9, 10)]
+
+
+@pytest.mark.slow
+def test_the_exam_hides_effects_of_a_file_and_tries_them_in_worker_processes():
+    own = own_effects(OWN_EFFECT, catalogue(), Surrogate.open("square-neo-hookean"))
+    cells = cells_with(own.effects, own.sha256)
+    mine = [cell for cell in cells if cell.effect == "flank_shift"]
+    assert len(mine) == 2
+    assert 0.0 < mine[0].size < mine[1].size
+    assert mine[1].true_effect(mine[1].drawn(1)[0]).unit == "m"
+    (tried,) = run_tasks([lambda: [*mine[0].candidates()]], None, 1)
+    assert {*tried} == {*catalogue(), "flank_shift"}
+    assert all("flank_shift" in cell.candidates() for cell in cells)

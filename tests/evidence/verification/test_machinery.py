@@ -6,9 +6,9 @@ import math
 import pytest
 
 from capsbayes.errors import CapsbayesError, InputError
-from capsbayes.evidence.verification import verify
-from capsbayes.evidence.verification.quantities import fitted_limit, fitted_rate
-from capsbayes.evidence.verification.topic import Reference, Row, Target, Topic
+from evidence.verification import verify
+from evidence.verification.quantities import fitted_limit, fitted_rate
+from evidence.verification.topic import Reference, Row, Target, Topic
 
 
 def stops():
@@ -108,7 +108,7 @@ def test_damaged_results_are_refused(tmp_path):
     one = '{"topic": "topic", "item": "one", "seconds": 1, "values": '
     for line in ('{"topic": []}', "{}", "5", one + "[]}", one + '{"value": {}}}'):
         (tmp_path / "results.jsonl").write_text(f"{line}\n")
-        with pytest.raises(InputError, match=r"results as written by verify, got .*remove it"):
+        with pytest.raises(InputError, match=r"results of the verification, got .*remove it"):
             verify([Counted().topic], tmp_path)
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from capsbayes.evidence.verification import TOPICS, verify
-from capsbayes.evidence.verification.closed_forms import membrane_laws, single_layer, undisturbed_flow
-from capsbayes.evidence.verification.rigid_sphere import rigid_spheres
-from capsbayes.evidence.verification.topic import Results
+from evidence.verification import TOPICS, verify
+from evidence.verification.closed_forms import membrane_laws, rigid_spheres, single_layer, undisturbed_flow
+from evidence.verification.topic import Results
 
 
 def test_rows_of_nothing_are_not_computed():

@@ -1,0 +1,1 @@
+"""Benchmarks: each makes figures of a page, as ``python -m evidence.benchmarks.NAME``."""

@@ -1,0 +1,281 @@
+"""Lengths and silhouettes measured under the faults of a recording.
+
+Run ``python -m evidence.benchmarks.conditions [COUNT]``. The same simulated capsules, 60 px to l, are drawn under each
+condition by ``evidence/benchmarks/camera.py``, which shares no code with what measures them. Capsules 0 to 99 are those
+on which limits and errors were set (``--first 0``); those counted follow. For each condition the table gives how many
+were measured or refused; of L_z and L_a bias, scatter, stated error, and the shares of the 68 and 95 % intervals that
+hold the truth; and the misfit of the silhouette about the true one, the mean square of its residuals over the stated
+covariance, 1 if that is right: median and 90 % quantile.
+
+``--write`` renews ``evidence/results/conditions.json`` and the table in ``evidence/results/pictures.md``. ``--overlays
+FOLDER`` draws one measured picture of each condition; ``--keep FILE`` keeps what was measured of each capsule, so that
+an interrupted run goes on there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import scipy.linalg
+from rich.progress import track
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Database
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect, silhouette_of
+from capsbayes.image.overlay import overlay
+from capsbayes.infer.outline import aligned_with
+from capsbayes.profile import signed_area
+from evidence.benchmarks.camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
+from evidence.markdown import renew
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "conditions.json", ROOT / "evidence" / "results" / "pictures.md"
+BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
+HALF_WIDTH = 60.0  # px
+FRESH = 100  # number of the first capsule on which nothing was set
+LEVELS = {0.68: 0.99446, 0.95: 1.95996}
+HEAD = ("condition", "measured", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
+HEAD = (*HEAD, "L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit")
+
+Change = Callable[[View, Camera, np.random.Generator], tuple[View, Camera]]
+
+
+def camera(**changes: Any) -> Change:
+    """Return a change of the camera."""
+    return lambda view, camera, random: (view, replace(camera, **changes))
+
+
+def faint(share: float) -> Change:
+    """Return a change that leaves a share of the darkness of the capsule."""
+    names = ("interior", "membrane", "rear", "halo")
+
+    def changed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+        fainter = {name: share * getattr(view.looks, name) for name in names}
+        return replace(view, looks=replace(view.looks, **fainter)), camera
+
+    return changed
+
+
+def looks(**changes: float) -> Change:
+    """Return a change of capsule or channel."""
+    return lambda view, camera, random: (replace(view, looks=replace(view.looks, **changes)), camera)
+
+
+def overlapping(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+    """Add a second capsule that overlaps the first by a tenth to nine tenths of its length."""
+    along, across = random.uniform(0.1, 0.9) * view.axial_extent, random.uniform(-0.1, 0.1) * view.half_width
+    first, (rows, columns) = view.capsules[0], view.shape
+    moved = replace(first, centre=(first.centre[0] + along, first.centre[1]))
+    wider = replace(view, capsules=(moved,), shape=(rows, columns + 2 * int(along)))
+    return beside(wider, along, across), camera
+
+
+CONDITIONS: dict[str, Change] = {
+    "none": camera(),
+    "motion 1 px": camera(motion=1.0),
+    "motion 3 px": camera(motion=3.0),
+    "motion 6 px": camera(motion=6.0),
+    "motion 12 px": camera(motion=12.0),
+    "blur 2 px": camera(blur=2.0),
+    "blur 3 px": camera(blur=3.0),
+    "blur 4 px": camera(blur=4.0),
+    "defocus, disc of radius 3 px": camera(defocus=3.0),
+    "defocus, disc of radius 6 px": camera(defocus=6.0),
+    "defocus, disc of radius 8 px": camera(defocus=8.0),
+    "noise 2 %": camera(constant_noise=0.02),
+    "noise 5 %": camera(constant_noise=0.05),
+    "JPEG 90": camera(jpeg=90),
+    "JPEG 75": camera(jpeg=75),
+    "JPEG 50": camera(jpeg=50),
+    "JPEG 25": camera(jpeg=25),
+    "median of 3 x 3 px": camera(median=3),
+    "median of 5 x 5 px": camera(median=5),
+    "a third of the contrast": faint(0.33),
+    "a fifth of the contrast": faint(0.2),
+    "halo 15 %": looks(halo=0.15),
+    "two capsules overlap": overlapping,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A picture with the empty channel, and what stood before the camera."""
+
+    view: View
+    picture: Grey
+    empty: Grey
+
+
+def taken(cases: Database, number: int, names: Iterable[str]) -> Iterable[tuple[str, Taken]]:
+    """Return the pictures of one capsule, drawn at random by its number, under some conditions."""
+    random = np.random.default_rng([2026, number])
+    view, plain = scenery(cases, random)
+    for name in names:
+        shown, chosen = CONDITIONS[name](view, plain, np.random.default_rng([7, number]))
+        yield name, Taken(shown, *photograph(shown, chosen, seed=number))
+
+
+def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]:
+    """Return a capsule, a place, looks and a camera at random."""
+    case = int(random.integers(len(cases)))
+    silhouette = cases["silhouette"][case]
+    columns = int(HALF_WIDTH * np.ptp(silhouette[:, 0]) + 2.0 * MARGIN + random.integers(8, 40))
+    columns = max(columns, 200)
+    centre = 0.5 * columns + random.uniform(-4.0, 4.0), 99.5 + random.uniform(-4.0, 4.0)
+    drawn = some_looks(random)
+    view = View(
+        (Capsule(cases["profile"][case], silhouette, centre),),
+        HALF_WIDTH,
+        (200, columns),
+        tilt=random.uniform(-0.03, 0.03),
+        flow=int(random.choice([-1, 1])),
+        looks=drawn,
+    )
+    return view, some_camera(random)
+
+
+def some_looks(random: np.random.Generator) -> Looks:
+    """Return the looks of capsule and channel in one microscope, at random."""
+    return Looks(
+        interior=random.uniform(0.1, 0.3),
+        membrane=random.uniform(0.25, 0.5),
+        membrane_width=random.uniform(3.0, 6.0),
+        rear=random.uniform(0.2, 0.45),
+        rear_width=random.uniform(1.5, 3.5),
+        halo=random.uniform(0.0, 0.08),
+        halo_width=random.uniform(1.5, 4.0),
+        wall=random.uniform(0.4, 0.6),
+        wall_width=random.uniform(1.5, 3.0),
+        beyond=random.uniform(0.85, 1.0),
+        unevenness=random.uniform(-0.1, 0.1),
+    )
+
+
+def some_camera(random: np.random.Generator) -> Camera:
+    """Return a good camera at random."""
+    return Camera(blur=random.uniform(0.5, 1.0), photons=10.0 ** random.uniform(3.7, 4.5))
+
+
+def measured(shot: Taken) -> Detection:
+    """Return what is detected in a picture."""
+    return detect(Picture.from_array(shot.picture), background=Picture.from_array(shot.empty))
+
+
+def row(shot: Taken, seen: Detection) -> dict[str, Any]:
+    """Return the status, the errors of L_z and L_a with the stated ones [px], and the silhouette's misfit."""
+    made: dict[str, Any] = {"status": seen.status.name}
+    if seen.status.ok:
+        sd = np.sqrt(np.diag(seen.covariance))
+        made["L_z"] = [float(seen.lengths[0] - shot.view.axial_extent), float(sd[0])]
+        if seen.rear is not None:
+            made["L_a"] = [float(seen.lengths[1] - shot.view.axial_length), float(sd[1])]
+        if (outline := silhouette_of(seen)) is not None:
+            truth = shot.view.capsules[0].silhouette
+            points, feet = aligned_with(outline.points, truth if signed_area(truth) > 0.0 else truth[::-1])
+            covariance = outline.noise.covariance(points) + outline.pose.offset**2
+            factor = scipy.linalg.cholesky(covariance, lower=True)
+            made["misfit"] = float(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
+    return made
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the numbers of a condition."""
+    statuses = Counter(row["status"] for row in rows)
+    made: dict[str, Any] = {"pictures": len(rows), "statuses": dict(statuses.most_common())}
+    for name in ("L_z", "L_a"):
+        pairs = np.array([row[name] for row in rows if name in row])
+        if len(pairs):
+            error, sd = pairs.T
+            inside = {f"{level:.0%}": int(np.sum(np.abs(error) < limit * sd)) for level, limit in LEVELS.items()}
+            made[name] = {
+                "n": len(error),
+                "bias": float(error.mean()),
+                "median": float(np.median(error)),
+                "scatter": float(error.std()),
+                "largest": float(np.abs(error).max()),
+                "error": float(np.sqrt(np.mean(sd**2))),
+                "inside": inside,
+            }
+    misfits = [row["misfit"] for row in rows if "misfit" in row]
+    if misfits:
+        made["misfit"] = {"median": float(np.median(misfits)), "90 %": float(np.quantile(misfits, 0.9))}
+    return made
+
+
+def table(stored: dict[str, Any]) -> str:
+    """Return the table in Markdown."""
+    lines = [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
+    lines += [f"| {' | '.join((name, *_cells(numbers)))} |" for name, numbers in stored.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _cells(numbers: dict[str, Any]) -> list[str]:
+    done = numbers["statuses"].get("DONE", 0)
+    refused = [f"{name} {count}" for name, count in numbers["statuses"].items() if name != "DONE"]
+    cells = [str(done), ", ".join(refused)]
+    for name in ("L_z", "L_a"):
+        if name not in numbers:
+            cells += [""] * (5 if name == "L_z" else 4)
+            continue
+        found = numbers[name]
+        shares = [f"{found['inside'][f'{level:.0%}'] / found['n']:.0%}" for level in LEVELS]
+        first = [f"{found['bias']:+.2f}", f"{found['scatter']:.2f}", f"{found['error']:.2f}"]
+        cells += [*(first if name == "L_z" else [str(found["n"]), first[0]]), *shares]
+    misfit = numbers.get("misfit")
+    return [*cells, f"{misfit['median']:.2g} ({misfit['90 %']:.2g})" if misfit else ""]
+
+
+def run(numbers: range, names: list[str], folder: Path | None, keep: Path | None) -> dict[str, Any]:
+    """Draw and measure all pictures, and return the numbers of each condition."""
+    cases = Database.open("square-neo-hookean").converged
+    done: dict[str, dict[str, Any]] = json.loads(keep.read_text()) if keep is not None and keep.exists() else {}
+    for number in track(numbers, description="capsules", transient=True):
+        if str(number) not in done:
+            done[str(number)] = dict(_rows(cases, number, names, folder))
+            if keep is not None:
+                keep.write_text(json.dumps(done) + "\n")
+    return {name: summary([done[str(number)][name] for number in numbers]) for name in names}
+
+
+def _rows(cases: Database, number: int, names: list[str], folder: Path | None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what was measured of a capsule under each condition; draw it if there is a folder."""
+    for name, shot in taken(cases, number, names):
+        seen = measured(shot)
+        yield name, row(shot, seen)
+        if folder is not None:
+            path = folder / f"{name.replace(' ', '-').replace(',', '').replace('%', 'percent')}-{number}.png"
+            cv2.imwrite(str(path), overlay(Picture.from_array(shot.picture), seen))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", nargs="?", type=int, default=10, help="number of capsules (default: 10)")
+    parser.add_argument("--first", type=int, default=FRESH, help=f"number of the first (default: {FRESH})")
+    parser.add_argument("--keep", type=Path, help="file of what was measured, from which an interrupted run goes on")
+    parser.add_argument("--only", default="", help="conditions whose name contains this")
+    parser.add_argument("--overlays", type=Path, help="folder for a drawing of each picture with what was detected")
+    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
+    asked = parser.parse_args()
+    names = [name for name in CONDITIONS if asked.only in name]
+    with threadpool_limits(limits=1):
+        if asked.overlays is not None:
+            asked.overlays.mkdir(parents=True, exist_ok=True)
+        made = run(range(asked.first, asked.first + asked.count), names, asked.overlays, asked.keep)
+    print(table(made))
+    if asked.write:
+        STORED.write_text(json.dumps(made, indent=1) + "\n")
+        renew(PAGE, BEGIN, END, table(made))
+
+
+if __name__ == "__main__":
+    main()

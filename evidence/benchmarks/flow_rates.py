@@ -1,0 +1,158 @@
+"""Hide wrong velocities, flow rates and widths, and see what the diagnosis says.
+
+Run ``python -m evidence.benchmarks.flow_rates``. Sessions are drawn from the simulated shapes of
+``data/pools/none-0.nc`` in a lab that states its flow rates to 0.5 % and its half width to 0.1 um (0.4 %), or to 1 %
+both; the stated values are wrong within these errors. The faults are put in by the code of the blind sessions, which
+shares nothing with the operators of the effects.
+
+Each session takes five seconds of processor time with lengths alone and a minute with outlines; finished sessions are
+kept in ``evidence/results/flow-rates.json``, and ``--sessions`` says how many of each row there shall be. ``--write``
+renews the table in ``evidence/results/diagnosis.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from capsbayes import Surrogate
+from capsbayes.database import Database
+from capsbayes.diagnosis import Study, Verdict, diagnose
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, draw_session
+from capsbayes.diagnosis.finding import FLOW
+from evidence.markdown import renew, table_lines
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "flow-rates.json", ROOT / "evidence" / "results" / "diagnosis.md"
+BEGIN, END = "<!-- flow rates -->\n", "<!-- end of flow rates -->"
+
+WELL = Lab(flow_rate_error=0.005, half_width_error=0.1e-6)
+LOOSE = Lab(flow_rate_error=0.01, half_width_error=0.25e-6)
+MEASURED = {"outlines": (True, 24), "lengths": (False, 40)}
+"""Whether outlines are measured, and the number of capsules."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Sessions with one fault.
+
+    Parameters
+    ----------
+    hidden : str
+    effect : str
+        Name of the true effect.
+    size : float
+    lab : Lab
+    """
+
+    hidden: str
+    effect: str
+    size: float
+    lab: Lab = WELL
+
+    @property
+    def accepted(self) -> set[str]:
+        """Names of which one is right."""
+        return set() if self.effect == "none" else {self.effect}
+
+
+ROWS = (
+    Row("nothing", "none", 0.0),
+    Row("velocities 5 % too large", "velocity_scale", 0.05),
+    Row("flow rates 5 % too large", "flow_rate_error", 0.05),
+    Row("half width 3 % too large, walls in the picture", "half_width_error", 0.03),
+    Row("half width 3 % too large, stated apart", "half_width_apart", 0.03),
+    Row("velocities 5 % too large, no flow rates", "velocity_scale", 0.05, replace(WELL, flow_rate_error=None)),
+    Row("velocities 5 % too large, flow rates and half width to 1 %", "velocity_scale", 0.05, LOOSE),
+)
+
+
+def answer(row: Row, kind: str, seed: int, shapes: Database, model: Surrogate) -> dict:
+    """Diagnose one session, and return what was said of it."""
+    outline, capsules = MEASURED[kind]
+    effect = TRUE_EFFECTS[row.effect]
+    blind = draw_session(shapes, effect, row.size, lab=row.lab, capsules=capsules, seed=seed, outline=outline)
+    study = diagnose(blind.session, model, seed=seed)
+    offset = next((each for each in study.finding.deviations if each.name == FLOW), None)
+    return {
+        "row": row.hidden,
+        "kind": kind,
+        "seed": seed,
+        "said": said(row, study),
+        "names": list(study.names),
+        "offset": None if offset is None else [offset.size, offset.error],
+        "not_testable": list(study.not_testable),
+    }
+
+
+def said(row: Row, study: Study) -> str:
+    """Return what was said of a session: nothing found, right, with others, unknown or wrong."""
+    if study.verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
+        return "nothing found"
+    if study.verdict is Verdict.UNKNOWN:
+        return "unknown"
+    if not row.accepted & {*study.names}:
+        return "wrong"
+    return "named" if study.verdict is Verdict.NAMED else "in a set"
+
+
+def table(found: list[dict]) -> str:
+    """Return the answers as a table in Markdown."""
+    head = ("hidden", "measured", "sessions", "v_o over that of the flow rate", "answer")
+    rows = []
+    for kind in MEASURED:
+        for row in ROWS:
+            answers = [each for each in found if (each["row"], each["kind"]) == (row.hidden, kind)]
+            if answers:
+                counts = Counter(words(row, each) for each in answers)
+                told = "; ".join(f"{text} in {count}" for text, count in counts.most_common())
+                rows.append((row.hidden, kind, str(len(answers)), offset_words(answers), told))
+    return "\n".join(table_lines(head, rows)) + "\n"
+
+
+def words(row: Row, answer: dict) -> str:
+    """Return the answer to a session in words."""
+    if answer["said"] == "in a set":
+        return f"in a set of {len(answer['names'])}"
+    if answer["said"] == "nothing found" and any("velocity" in name for name in answer["not_testable"]):
+        return "nothing found, not testable"
+    return answer["said"]
+
+
+def offset_words(answers: list[dict]) -> str:
+    """Return the mean of the offsets and their standard error as it was stated, in per cent."""
+    known = [each["offset"] for each in answers if each["offset"] is not None]
+    if not known:
+        return "not known"
+    size, error = (sum(values) / len(known) for values in zip(*known, strict=True))
+    return f"{size:+.1f} ± {error:.1f} %"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument(
+        "--sessions", type=int, default=0, help="Of each row with outlines; three times as many without."
+    )
+    options = parser.parse_args()
+    found = json.loads(STORED.read_text()) if STORED.exists() else []
+    model, shapes = Surrogate.open("square-neo-hookean"), Database.read(ROOT / "data" / "pools" / "none-0.nc")
+    wanted = [("lengths", seed) for seed in range(1, 3 * options.sessions + 1)]
+    wanted = [*wanted[:3], *(("outlines", seed) for seed in range(1, options.sessions + 1)), *wanted[3:]]
+    done = {(each["row"], each["kind"], each["seed"]) for each in found}
+    for kind, seed in wanted:
+        for row in ROWS:
+            if (row.hidden, kind, seed) not in done:
+                found.append(answer(row, kind, seed, shapes, model))
+                print(found[-1], flush=True)
+                STORED.write_text(json.dumps(found, indent=1) + "\n")
+    print(table(found))
+    if options.write:
+        renew(PAGE, BEGIN, END, table(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,174 @@
+"""Hide effects in sessions that look alike or cannot be seen, and count what the diagnosis says of them.
+
+    python -m evidence.benchmarks.hidden_sessions --sessions 2 --write
+
+Diagnoses the sessions of each row that have no answer in ``evidence/results/hidden-sessions.json`` yet, half a minute
+each, or several minutes where two effects are hidden, and prints the table of all answers. ``--write`` renews the table
+in ``evidence/results/diagnosis.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Surrogate, diagnose
+from capsbayes.database import Database
+from capsbayes.diagnosis import UNKNOWN, Study, Verdict
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
+from evidence.markdown import renew, table_lines
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "hidden-sessions.json", ROOT / "evidence" / "results" / "diagnosis.md"
+MARKS = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
+
+
+class Row(NamedTuple):
+    """What is hidden: an effect of a size, in shapes of a pool; `truth` are the names that the catalogue has for it."""
+
+    hidden: str
+    effect: TrueEffect
+    size: float
+    pool: str
+    truth: tuple[str, ...]
+    capsules: int = 40
+    lab: Lab = Lab()
+
+
+_OBLONG = TRUE_EFFECTS["pixel_aspect"]
+ROWS = (
+    Row("G_s scatters by 30 %", TRUE_EFFECTS["none"], 0.0, "none-0", (), lab=Lab(spread=0.3)),
+    Row("pixels 2 % oblong", _OBLONG, 1.02, "none-0", ("pixel_aspect",)),
+    Row("barrel, 1 %", TRUE_EFFECTS["distortion"], -0.01, "none-0", ("distortion",)),
+    Row("tilt of 2 degrees", TRUE_EFFECTS["taper"], 0.00175, "none-0", ("taper",)),
+    Row("hardening of 0.8", TRUE_EFFECTS["strain_hardening"], 0.8, "strain-hardening-0.8", ("strain_hardening",), 14),
+    Row("inflation of 3.5 %", TRUE_EFFECTS["pre_inflation"], 0.035, "pre-inflation-0.035", ("pre_inflation",)),
+    Row(
+        "inflation of 3.5 %, pixels 2 % oblong",
+        TRUE_EFFECTS["pre_inflation"].combined(_OBLONG, 1.02),
+        0.035,
+        "pre-inflation-0.035",
+        ("pre_inflation", "pixel_aspect"),
+    ),
+)
+
+
+def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
+    """Draw a session, diagnose it, and return the answer next to the truth."""
+    shapes = Database.read(ROOT / f"data/pools/{row.pool}.nc")
+    blind = draw_session(shapes, row.effect, row.size, lab=row.lab, capsules=row.capsules, seed=seed)
+    begin = time.process_time()
+    study = diagnose(blind.session, model, seed=seed)
+    return answer_of(study, row.hidden, seed, row.lab.surface_shear_modulus, begin) | {"capsules": row.capsules}
+
+
+def answer_of(study: Study, hidden: str, seed: int, true_modulus: float, begin: float) -> dict[str, Any]:
+    """Return what a diagnosis begun at a processor time [s] says, next to what was hidden and the true G_s [N/m]."""
+    modulus = study.surface_shear_modulus
+    return {
+        "hidden": hidden,
+        "seed": seed,
+        "verdict": study.verdict.name,
+        "names": [list(step.in_question) for step in study.steps],
+        "intervals_95": {name: step.scores[name].interval(1.92) for step in study.steps for name in step.in_question},
+        "sizes": {name: study.scores[name].size for name in study.names},
+        "something_else": study.probabilities.get(UNKNOWN),
+        "true_modulus": true_modulus,
+        "modulus": [modulus.low, modulus.median, modulus.high],
+        "seconds": time.process_time() - begin,
+    }
+
+
+class Hidden(Protocol):
+    """What is hidden in the sessions of a row, and the names that the catalogue has for it."""
+
+    @property
+    def hidden(self) -> str: ...
+
+    @property
+    def truth(self) -> tuple[str, ...]: ...
+
+
+def outcome(row: Hidden, answer: dict[str, Any]) -> str:
+    """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
+    verdict = Verdict[answer["verdict"]]
+    if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
+        return "nothing found"
+    if verdict is Verdict.UNKNOWN:
+        return "something else"
+    steps = [set(names) for names in answer["names"] if names]
+    right = bool(row.truth) and all(names & set(row.truth) for names in steps)
+    whole = right and len(steps) == len(row.truth)
+    if verdict is Verdict.NAMED:
+        return "named" if whole else ("one of two named" if right else "**wrong name**")
+    return "ambiguous" if right else "ambiguous without it"
+
+
+def table(rows: Sequence[Hidden], answers: list[dict[str, Any]]) -> list[str]:
+    """Return the lines of the table: outcomes, and how often the intervals of G_s hold the truth."""
+    lines = []
+    for row in rows:
+        mine = [answer for answer in answers if answer["hidden"] == row.hidden]
+        if not mine:
+            lines.append((row.hidden, "", "0", "none was finished", ""))
+        else:
+            counted = Counter(outcome(row, answer) for answer in mine)
+            held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
+            words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
+            lines.append((row.hidden, _capsules(mine), str(len(mine)), words, f"{held} of {len(mine)}"))
+    return list(
+        table_lines(("hidden", "capsules", "sessions", "answers", "95 % intervals of G_s that hold the truth"), lines)
+    )
+
+
+def _capsules(answers: list[dict[str, Any]]) -> str:
+    """Return the numbers of capsules in words, and of those that were measured if not all were."""
+    drawn = [answer["capsules"] for answer in answers]
+    words = f"{min(drawn)} to {max(drawn)}" if len({*drawn}) > 1 else str(drawn[0])
+    measured = sum(answer.get("measured", answer["capsules"]) for answer in answers)
+    return words if measured == sum(drawn) else f"{words}, {measured / sum(drawn):.0%} of them measured"
+
+
+def stored(file: Path = STORED) -> list[dict[str, Any]]:
+    """Return the answers so far."""
+    return json.loads(file.read_text()) if file.exists() else []
+
+
+def diagnosed(
+    description: str | None,
+    rows: Sequence[Any],
+    file: Path,
+    marks: tuple[str, str],
+    answered: Callable[[Any, int, Surrogate], dict[str, Any]],
+    view: Literal["mid-plane", "silhouette"] = "mid-plane",
+) -> None:
+    """Diagnose further sessions of some rows, and print the table of all; their answers are kept in a file."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sessions", type=int, default=0, help="of each row: those with seeds 1 to this")
+    parser.add_argument("--only", default="", help="rows whose name contains this")
+    parser.add_argument("--write", action="store_true", help="renew the table of the page")
+    given = parser.parse_args()
+    model = Surrogate.open("square-neo-hookean", view=view)
+    assert isinstance(model, Surrogate)
+    for seed in range(1, given.sessions + 1):
+        for row in rows:
+            there = any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in stored(file))
+            if given.only in row.hidden and not there:
+                with threadpool_limits(1):
+                    answer = answered(row, seed, model)
+                file.write_text(json.dumps([*stored(file), answer], indent=1) + "\n")
+    lines = "".join(f"{line}\n" for line in table(rows, stored(file)))
+    print(lines)
+    if given.write:
+        renew(PAGE, *marks, lines)
+
+
+if __name__ == "__main__":
+    diagnosed(__doc__, ROWS, STORED, MARKS, answered)

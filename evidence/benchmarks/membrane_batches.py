@@ -1,0 +1,349 @@
+"""Coverage of what a batch tells of its membrane: ``python -m evidence.benchmarks.membrane_batches FOLDER``.
+
+The batches are those of ``data/pools/membrane-batches.npz``: 40 capsules each, simulated one by one, at four flow
+rates. The capsules are measured with errors as in ``membrane_coverage.py``, the pump tells the flow rate to 1 %, and
+errors of viscosity, half width and pump are shared by the batch. Counted is whether intervals hold the truth: of the
+mean G_s of the population, of alpha, K, h and B of the membrane, and of G_s of each capsule. The first fourteen batches
+were looked at while the method was made; the later ones are counted apart too.
+
+Then one flow rate is left out, in turn from batch to batch, and predicted from the others: capsules drawn from the
+population flow at it, and the 68 % and 95 % intervals of their L_z, L_a and v_o with their errors are to hold what was
+measured there. The same is done with the membrane taken as neo-Hookean, without inflation and with the bending
+stiffness of the plain databases.
+
+Batches whose pre-inflation varies, of ``data/pools/membrane-inflated.npz``, are read as of one inflation and as of one
+that varies, by outlines. The model's own error is measured at the capsules of ``data/pools/membrane-capsules.npz``
+along what tells a membrane, over its stated standard deviation: 5 % of a normal error would be above 1.96.
+
+``--lengths N`` and ``--outlines N`` say how many batches there are to be of each kind. Each finished one is kept in
+FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-batches.json`` and the tables
+in ``evidence/results/membrane.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capsbayes import MeasuredOutline, Measurement
+from capsbayes.arrays import Booleans, Floats
+from capsbayes.infer import Membrane
+from capsbayes.infer.prior import Marginal
+from capsbayes.infer.shared_membrane import SharedMembrane, capsules_of, identify_membrane
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
+from capsbayes.parameters import PARAMETERS
+from capsbayes.profile import vertex_normals
+from capsbayes.run import Store
+from evidence.benchmarks import membrane_coverage, membrane_pools
+from evidence.benchmarks.membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
+from evidence.benchmarks.population_coverage import share
+from evidence.markdown import renew
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "membrane-batches.json", ROOT / "evidence" / "results" / "membrane.md"
+MARKS = {
+    "coverage": ("<!-- batches -->\n", "<!-- end of batches -->\n"),
+    "transfer": ("<!-- transfer -->\n", "<!-- end of transfer -->\n"),
+    "inflated": ("<!-- inflated -->\n", "<!-- end of inflated -->\n"),
+}
+PUMP = 0.01
+QUANTITIES = {
+    "surface_shear_modulus": "mean G_s",
+    **{name: membrane_coverage.QUANTITIES[name] for name in FREE_PARAMETERS[2:]},
+    "surface_shear_modulus_each": "G_s of each",
+}
+PREDICTED = {"axial_extent": "L_z", "axial_length": "L_a", "capsule_velocity": "v_o"}
+LEVELS = membrane_coverage.LEVELS
+INFLATED = {name: PARAMETERS[name].label for name in ("pre_inflation", "inflation_spread", "surface_shear_modulus")}
+READINGS = {"one": False, "varying": True}
+MEMBRANES = {
+    "unknown": Membrane(),
+    "neo-Hookean": Membrane("neo-Hookean", pre_inflation=0.0, bending=NULL_VALUES[-1]),
+}
+CHOSEN_ON = 14  # batches at which the method was tried while it was made
+ROOM = 4  # draws of a capsule's own properties for each draw of the membrane
+
+
+class Session:
+    """One batch: its measurements with one or another noise, flow rates and truths."""
+
+    def __init__(self, pool: dict[str, Floats], number: int, kind: str, noise: int = 0) -> None:
+        rows = np.flatnonzero(pool["batch"] == number)
+        of_batch = {key: pool[key][rows] for key in ("values", "numbers", "profile", "relative_modulus", "flow_factor")}
+        self.kind, self.flow = kind, pool["flow"][rows].astype(int)
+        self.rng = np.random.default_rng([11, number, noise] if noise else [11, number])
+        self.viscosity, self.width = (self.rng.normal(*stated) for stated in (VISCOSITY, HALF_WIDTH))
+        self.speeds = VELOCITY[0] * of_batch["flow_factor"]
+        pump = 1.0 + PUMP * self.rng.standard_normal()
+        self.measurements = [
+            self._measured(numbers, outline, speed, pump)
+            for numbers, outline, speed in zip(of_batch["numbers"], of_batch["profile"], self.speeds, strict=True)
+        ]
+        moduli = self.viscosity * self.speeds / of_batch["values"][:, 0]
+        middle = float(moduli[0] / of_batch["relative_modulus"][0])
+        of_membrane = dict(zip(FREE_PARAMETERS[2:], of_batch["values"][0, 2:].tolist(), strict=True))
+        if "relative_inflation" in pool:
+            of_membrane["pre_inflation"] /= pool["relative_inflation"][rows[0]]
+            of_membrane["inflation_spread"] = pool["inflation_spread"][rows[0]]
+        self.truth = {"surface_shear_modulus": middle, "surface_shear_modulus_each": moduli, **of_membrane}
+
+    def _measured(self, numbers: Floats, outline: Floats, speed: float, pump: float) -> Measurement:
+        lengths = numbers[:2] + LENGTH_ERROR * self.rng.standard_normal(2)
+        if lengths[1] > lengths[0]:  # of a convex capsule, whose lengths are the same
+            lengths[:] = lengths.mean()
+        velocity, error = speed * numbers[2], VELOCITY[1] * speed * numbers[2]
+        vertices, normals = (array[:: membrane_coverage.EVERY] for array in (outline, vertex_normals(outline)))
+        away = NOISE.drawn(self.rng, vertices, 1)[0][:, None] * normals
+        rate = 4.0 * self.width**2 * speed * pump
+        return Measurement(
+            axial_extent=float(lengths[0]),
+            axial_extent_error=LENGTH_ERROR,
+            axial_length=float(lengths[1]),
+            axial_length_error=LENGTH_ERROR,
+            capsule_velocity=float(velocity + error * self.rng.standard_normal()),
+            capsule_velocity_error=float(error),
+            flow_rate=float(rate),
+            flow_rate_error=float(PUMP * rate),
+            outline=MeasuredOutline(vertices + away, NOISE) if self.kind == "outline" else None,
+        )
+
+    def found(self, membrane: str, rows: Booleans) -> SharedMembrane:
+        """Return the membrane that some of the capsules tell."""
+        some = [measurement for measurement, taken in zip(self.measurements, rows, strict=True) if taken]
+        known = MEMBRANES[membrane]
+        return identify_membrane(some, membrane_coverage.experiment(), seed=1, membrane=known, laws=False)
+
+
+def coverage(session: Session, membrane: str) -> dict[str, Any]:
+    """Return how many intervals there are of each quantity and level, and how many of them hold the truth."""
+    begin = time.process_time()
+    found = session.found(membrane, np.ones(len(session.flow), dtype=bool))
+    counts: dict[str, Any] = {"status": found.status.name}
+    for name in QUANTITIES:
+        if name in found.draws and np.ptp(found.draws[name]) > 0.0:
+            columns = found.draws[name].reshape(len(found.draws[name]), -1).T
+            counts |= held(name, [Marginal.of_draws(column) for column in columns], np.atleast_1d(session.truth[name]))
+    log_moduli = np.log(found.draws["surface_shear_modulus"])
+    return counts | {"log_modulus_sd": float(log_moduli.std()), "seconds": time.process_time() - begin}
+
+
+def transfer(session: Session, membrane: str, left_out: int) -> dict[str, Any]:
+    """Return the same of what is predicted of the capsules at one flow rate from those at the others."""
+    away = session.flow == left_out
+    found = session.found(membrane, ~away)
+    predicted = predictions(found, session, float(session.speeds[away][0]))
+    counts: dict[str, Any] = {"status": found.status.name}
+    for name, draws in predicted.items():
+        seen = np.array([getattr(m, name) for m, out in zip(session.measurements, away, strict=True) if out])
+        counts |= held(name, [Marginal.of_draws(draws)] * len(seen), seen)
+    return counts
+
+
+def predictions(found: SharedMembrane, session: Session, speed: float) -> dict[str, Floats]:
+    """Return draws of what is measured of capsules of the population at a mean velocity that the pump tells."""
+    rng, draws = np.random.default_rng(3), {name: np.repeat(found.draws[name], ROOM) for name in _OF_THE_POPULATION}
+    count = len(draws["surface_shear_modulus"])
+    moduli = draws["surface_shear_modulus"] * np.exp(draws["modulus_spread"] * rng.standard_normal(count))
+    radii = draws["capsule_radius"] * (1.0 + draws["radius_spread"] * rng.standard_normal(count))
+    speeds = speed * (1.0 + PUMP * rng.standard_normal(count))
+    (viscosity, viscosity_error), (width, _) = VISCOSITY, HALF_WIDTH
+    drawn = viscosity + viscosity_error * rng.standard_normal(count)
+    theta = {name: draws[name] for name in FREE_PARAMETERS[2:]}
+    theta |= {"capillary_number": drawn * speeds / moduli, "size_ratio": radii / width}
+    seen = membrane_coverage.model("unknown")(theta)
+    noise = rng.standard_normal((3, count))
+    each = {
+        "axial_extent": seen.axial_extent + LENGTH_ERROR * noise[0],
+        "axial_length": seen.axial_length + LENGTH_ERROR * noise[1],
+        "capsule_velocity": speeds * seen.velocity_ratio * (1.0 + VELOCITY[1] * noise[2]),
+    }
+    return {name: values[seen.inside] for name, values in each.items()}
+
+
+_OF_THE_POPULATION = (
+    *("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread"),
+    *FREE_PARAMETERS[2:],
+)
+
+
+def held(name: str, marginals: list[Marginal], truth: Floats) -> dict[str, int]:
+    """Return the number of intervals of a quantity, and of those at each level that hold the truth."""
+    pairs = list(zip(marginals, truth.tolist(), strict=True))
+    counts = {f"{name} {level}": sum(one.contains(true, level=level) for one, true in pairs) for level in LEVELS}
+    return counts | {name: len(pairs)}
+
+
+def inflated(session: Session) -> dict[str, Any]:
+    """Return median and ends of the 95 % interval, and the truth, by how the batch is read and by quantity."""
+    found: dict[str, Any] = {}
+    for reading, varies in READINGS.items():
+        told = identify_membrane(
+            session.measurements, membrane_coverage.experiment(), seed=1, laws=False, inflation_varies=varies
+        )
+        for name in INFLATED.keys() & told.marginals.keys():
+            marginal = told.marginals[name]
+            ends = marginal.median, marginal.lower_95, marginal.upper_95, session.truth[name]
+            found[f"{reading} {name}"] = [float(f"{value:.4g}") for value in ends]
+    return found
+
+
+def tail() -> float:
+    """Return the 95 % quantile of the model's error over its stated one, along what tells a membrane."""
+    pool, model = membrane_pools.stored("capsules"), membrane_coverage.model("unknown")
+    experiment = membrane_coverage.experiment()
+    exact = [
+        Measurement(
+            axial_extent=float(numbers[0]),
+            axial_extent_error=LENGTH_ERROR,
+            axial_length=float(min(numbers[:2])),
+            axial_length_error=LENGTH_ERROR,
+            capsule_velocity=float(numbers[2] * VELOCITY[0]),
+            capsule_velocity_error=VELOCITY[1] * VELOCITY[0],
+            outline=MeasuredOutline(outline[:: membrane_coverage.EVERY], NOISE),
+        )
+        for numbers, outline in zip(pool["numbers"], pool["profile"], strict=True)
+    ]
+    capsules = capsules_of(exact, experiment, model)
+    theta = dict(zip(FREE_PARAMETERS, pool["values"].T, strict=True))
+    steps = np.array([1e-3 * np.median(values) for values in theta.values()])
+    moved = [{**theta, name: theta[name] + step} for name, step in zip(theta, steps, strict=True)]
+    seen = capsules.model(theta)
+    _, slopes = capsules.model.with_slopes(theta, moved)
+    inside = np.isfinite(seen.log_ratio)
+    rows = capsules.batch.rows[inside]
+    away = capsules.batch.target[inside] - (rows @ seen.numbers[inside, :, None])[..., 0]
+    along = rows @ np.moveaxis(slopes.numbers[:, inside] / steps[:, None, None], 0, -1)
+    error = rows @ seen.covariances[inside] @ rows.swapaxes(1, 2)
+    weight = np.linalg.inv(error + np.eye(error.shape[1]))
+    own, of_membrane = along[..., :2], along[..., 2:]
+    taken = weight @ own @ np.linalg.inv(own.swapaxes(1, 2) @ weight @ own) @ own.swapaxes(1, 2) @ weight
+    telling = of_membrane.swapaxes(1, 2) @ (weight - taken)
+    stated = np.einsum("naq,nqp,nap->na", telling, error, telling)
+    score = np.abs((telling @ away[..., None])[..., 0]) / np.sqrt(stated)
+    return float(f"{np.quantile(score, 0.95):.2g}")
+
+
+def run(folder: Path, kind: str, count: int) -> None:
+    """Identify the first batches that the folder lacks."""
+    pool = membrane_pools.stored("batches")
+    for number in np.unique(pool["batch"]).astype(int)[:count]:
+        tasks: dict[str, Callable[..., dict[str, Any]]] = {"coverage": coverage, "transfer": transfer}
+        for name, task in tasks.items():
+            for membrane in MEMBRANES:
+                store, part = store_of(folder), f"{kind}-{membrane}-{name}-{number:02d}"
+                if not store.holds(part):
+                    further = (int(number) % len(membrane_pools.FLOW_RATES),) if name == "transfer" else ()
+                    store.save(part, task(Session(pool, int(number), kind), membrane, *further))
+                    print(part, flush=True)
+
+
+def run_inflated(folder: Path) -> None:
+    """Read the inflated batches that the folder lacks."""
+    pool = membrane_pools.stored("inflated")
+    for number in np.unique(pool["batch"]).astype(int):
+        store, part = store_of(folder), f"inflated-{number:02d}"
+        if not store.holds(part):
+            store.save(part, inflated(Session(pool, int(number), "outline")))
+            print(part, flush=True)
+
+
+def store_of(folder: Path) -> Store:
+    """Return the store of identified batches."""
+    errors = [VISCOSITY, HALF_WIDTH, VELOCITY, LENGTH_ERROR, PUMP]
+    return Store.open(folder, {"sha256": membrane_coverage.model("unknown").sha256, "errors": errors})
+
+
+def counted(folder: Path) -> dict[str, Any]:
+    """Return counts and medians of what a folder holds, by table, and by kind and membrane."""
+    store, tables = store_of(folder), {"coverage": {}, "transfer": {}}
+    for table_name, rows in tables.items():
+        for kind in membrane_coverage.KINDS:
+            for membrane in MEMBRANES:
+                names = sorted(store.names(f"{kind}-{membrane}-{table_name}-*"))
+                parts = [part for name in names if (part := store.load(name)) is not None]
+                if parts:
+                    rows[f"{kind}, {membrane}"] = counts_of(parts)
+                if table_name == "coverage" and membrane == "unknown" and len(parts) > CHOSEN_ON:
+                    rows[f"{kind}, unknown (batches {CHOSEN_ON + 1} on)"] = counts_of(parts[CHOSEN_ON:])
+    names = sorted(store.names("inflated-*"))
+    tables["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
+    return tables | {"tail": tail()}
+
+
+def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the sums over batches, and how many of them are not to be used."""
+    refused = sum(part["status"] not in ("DONE", "LEANS_ON_BORDER") for part in parts)
+    counts: dict[str, Any] = {"batches": len(parts), "not to be used": refused}
+    for key in parts[0]:
+        if key not in ("status", "seconds", "log_modulus_sd"):
+            counts[key] = sum(part.get(key, 0) for part in parts)
+    if "log_modulus_sd" in parts[0]:
+        counts["log_modulus_sd"] = float(f"{np.median([part['log_modulus_sd'] for part in parts]):.2g}")
+    return counts
+
+
+def table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:
+    """Return counts as a Markdown table."""
+    last = ["sd of ln mean G_s, median"] if "surface_shear_modulus" in quantities else []
+    head = ["measured", "membrane", "batches", "not to be used", *quantities.values(), *last]
+    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+    for name, counts in rows.items():
+        cells = [*name.split(", "), str(counts["batches"]), str(counts["not to be used"])]
+        for quantity in quantities:
+            number = counts.get(quantity, 0)
+            both = [counts.get(f"{quantity} {level}", 0) for level in LEVELS]
+            cells.append(f"{both[0] / number:.0%}, {share(both[1], number)}" if number else "")
+        cells += [f"{counts['log_modulus_sd']:.2g}"] if last else []
+        lines.append(f"| {' | '.join(cells)} |\n")
+    return re.sub(" ?%", " %", "".join(lines))
+
+
+def tables(counts: dict[str, Any]) -> dict[str, str]:
+    """Return the tables by the names of `MARKS`."""
+    both = {"coverage": QUANTITIES, "transfer": PREDICTED}
+    shown = {name: table(counts[name], quantities) for name, quantities in both.items()}
+    return shown | {"inflated": inflated_table(counts["inflated"])}
+
+
+def inflated_table(batches: dict[str, dict[str, Any]]) -> str:
+    """Return what batches with an inflation that varies tell as a Markdown table."""
+    lines = ["| batch | read as of | " + " | ".join(INFLATED.values()) + " |\n", "|---" * (2 + len(INFLATED)) + "|\n"]
+    for number, found in batches.items():
+        readings = {"the truth": [f"{PARAMETERS[n].shown(found[f'varying {n}'][3]):.3g}" for n in INFLATED]}
+        for reading in READINGS:
+            cells = [[PARAMETERS[n].shown(v) for v in found.get(f"{reading} {n}", [])[:3]] for n in INFLATED]
+            readings[f"{reading} inflation"] = [
+                "{:.3g} ({:.3g} to {:.3g})".format(*cell) if cell else "" for cell in cells
+            ]
+        lines += [f"| {number} | {reading} | {' | '.join(cells)} |\n" for reading, cells in readings.items()]
+    return "".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="where identified batches are kept")
+    parser.add_argument("--lengths", type=int, default=membrane_pools.BATCHES["batches"])
+    parser.add_argument("--outlines", type=int, default=membrane_pools.BATCHES["batches"])
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    run(options.folder, "lengths", options.lengths)
+    run(options.folder, "outline", options.outlines)
+    run_inflated(options.folder)
+    counts = counted(options.folder)
+    shown = tables(counts)
+    print(*shown.values(), sep="\n")
+    if options.write:
+        STORED.write_text(json.dumps(counts, indent=1) + "\n")
+        for name, marks in MARKS.items():
+            renew(PAGE, *marks, shown[name])
+
+
+if __name__ == "__main__":
+    main()

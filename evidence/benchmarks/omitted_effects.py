@@ -1,0 +1,100 @@
+"""What an effect that the model omits does to G_s and a: ``python -m evidence.benchmarks.omitted_effects --write``.
+
+The effects and their sizes are those of the exam. Forty capsules with each are drawn from its simulated shapes, and the
+microscope's effects are drawn on them as plane geometry; the plain model is fitted to the outline of each, which is
+measured without errors and weighted as one with errors of 0.01 l. Takes half a minute.
+
+``--write`` renews ``evidence/results/omitted-effects.json`` and the table in ``docs/limits.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Surrogate
+from capsbayes.database import Database
+from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, Noise, draw_session
+from capsbayes.diagnosis.fits import fitted
+from capsbayes.diagnosis.scores import whitening
+from capsbayes.diagnosis.search import Comparison
+from evidence.exam.sessions import CELLS, Cell, pool_name
+from evidence.markdown import renew, table_lines
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "omitted-effects.json", ROOT / "docs" / "limits.md"
+BEGIN, END = "<!-- omitted effects -->\n", "<!-- end of omitted effects -->\n"
+LAB, CAPSULES, SEED = Lab(noise=Noise(understated=0.0)), 40, 1
+EFFECTS = {
+    "pre_inflation": "pre-inflation $\\alpha$",
+    "bending": "bending stiffness $B$, for $2 \\times 10^{-4}$",
+    "strain_hardening": "strain hardening",
+    "hooke_share": "share of Hooke's law",
+    "rest_aspect": "at rest, length over width",
+    "section_aspect": "cross-section, depth over width",
+    "corner_radius": "radius of its corners over $\\ell$",
+    "unsteadiness": "not yet steady, $\\ell/(Ut)$",
+    "halo": "halo over $\\ell$",
+    "exposure": "motion during the exposure over $\\ell$",
+    "swelling": "channel wider by, over $\\ell$",
+    "pixel_scale": "pixels too large by",
+    "pixel_aspect": "pixels, height over width",
+    "distortion": "distortion at $\\ell$ from the middle",
+    "taper": "change of magnification over $\\ell$ along the flow",
+    "velocity_scale": "velocities too large by",
+}
+HEAD = ("effect omitted", "size", "G_s off by", "a off by", "outline still off, ℓ/1000")
+
+
+def cells() -> list[Cell]:
+    """Return the cells of the exam with one effect that changes what is measured of a capsule, in the table's order."""
+    return [cell for effect in EFFECTS for cell in CELLS if cell.effect == effect and cell.known and not cell.also]
+
+
+def omitted(cell: Cell, model: Surrogate) -> dict[str, float]:
+    """Return the medians of what ln G_s and ln a are off by, and the distance of the outlines [l]."""
+    shapes = Database.read(ROOT / "data" / "pools" / f"{pool_name(*cell.shapes)}.nc")
+    effect, size = TRUE_EFFECTS[cell.effect], cell.size_in(LAB)
+    blind = draw_session(shapes, effect, size, lab=LAB, capsules=CAPSULES, seed=SEED)
+    fits = fitted(model, blind.session, whitening(model, blind.session))
+    fitting = fits.settled
+    radius = np.array([capsule.capsule_radius for capsule in blind.capsules])
+    return {
+        "capsules": int(fitting.sum()),
+        "log_modulus": float(np.median((fits.log_modulus - blind.log_modulus)[fitting])),
+        "log_radius": float(np.median(np.log(fits.size * LAB.half_width / radius)[fitting])),
+        "gap": Comparison(blind.session, model, fits).gap / LAB.half_width,
+    }
+
+
+def table(found: dict[str, dict[str, float]]) -> str:
+    """Return the table in Markdown, a row for each effect."""
+    rows = []
+    for effect, words in EFFECTS.items():
+        sizes = [cell for cell in cells() if cell.effect == effect]
+        mine = [found[cell.name] for cell in sizes]
+        off = (", ".join(f"{np.expm1(one[key]):+.1%}" for one in mine) for key in ("log_modulus", "log_radius"))
+        gaps = ", ".join(f"{1e3 * one['gap']:.1f}" for one in mine)
+        rows.append((words, ", ".join(f"{cell.size:g}" for cell in sizes), *off, gaps))
+    return "".join(f"{line}\n" for line in table_lines(HEAD, rows))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    model = Surrogate.open("square-neo-hookean")
+    with threadpool_limits(1):
+        found = {cell.name: omitted(cell, model) for cell in cells()}
+    print(table(found))
+    if options.write:
+        STORED.write_text(json.dumps(found, indent=1) + "\n")
+        renew(PAGE, BEGIN, END, table(found))
+
+
+if __name__ == "__main__":
+    main()

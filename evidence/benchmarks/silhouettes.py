@@ -1,0 +1,210 @@
+"""Silhouettes measured in drawn pictures: their noise compared with the stated one, and the posteriors from them.
+
+Run ``python -m evidence.benchmarks.silhouettes [CAPSULES]``. The pictures are those of
+``evidence/benchmarks/pictures.py``, of simulated capsules, each of which is omitted from the surrogate that identifies
+it; those at the border of the database, beyond which no interval can reach, are not drawn. The first table gives the
+normal residuals of the measured silhouettes about the true ones; the second the shares of the intervals of Ca and a/l
+that contain the truth, and their widths compared with those from the lengths of the same pictures. An interrupt ends
+the run and prints the results so far; ``--write`` renews ``evidence/results/silhouettes.json`` and the tables in
+``evidence/results/pictures.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from rich.progress import track
+from threadpoolctl import threadpool_limits
+
+from capsbayes import Database, Experiment, MeasuredOutline, Measurement, Surrogate
+from capsbayes.errors import InputError
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.synthetic import Drawing, draw
+from capsbayes.infer import Quadrature
+from capsbayes.infer.outline import aligned_with
+from capsbayes.profile import signed_area
+from capsbayes.quantity import Quantity
+from evidence.benchmarks.pictures import scenery
+from evidence.markdown import renew
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "silhouettes.json", ROOT / "evidence" / "results" / "pictures.md"
+MARKS = (
+    ("<!-- silhouettes -->\n", "<!-- end of silhouettes -->\n"),
+    ("<!-- widths -->\n", "<!-- end of widths -->\n"),
+)
+SETS = {"0.5 to 1 px": (0.5, 1.0), "2 px": (1.95, 2.05)}
+LEVELS = {0.68: 0.99446, 0.95: 1.95996}
+COVERAGE = ("blur", "n", "residual, l", "stated, l", "whitened square", "slow waves in 68 %, 95 %")
+COVERAGE = (*COVERAGE, "Ca in 68 %, 95 %", "a/l in 68 %, 95 %")
+WIDTHS = ("rear", "blur", "n", "ln Ca", "from lengths", "a/l", "from lengths")
+FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
+NAMES = ("capillary_number", "size_ratio")
+MODES = 7  # waves along the outline; the first is a shift of it, which is a nuisance
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class Tally:
+    """Results of one set of pictures: numbers of the residuals, ranks of the truth, ratios of widths, by the data."""
+
+    residuals: list[list[float]] = field(default_factory=list)
+    waves: list[Floats] = field(default_factory=list)
+    ranks: dict[str, list[list[float]]] = field(default_factory=lambda: {"silhouette": [], "lengths": []})
+    widths: dict[bool, list[list[float]]] = field(default_factory=lambda: {True: [], False: []})
+    failed: list[str] = field(default_factory=list)
+
+
+def compare(made: Drawing, measured: MeasuredOutline, tally: Tally) -> None:
+    """Compute the normal residuals about the true silhouette, whitened with the stated noise."""
+    truth = np.asarray(made.scene.silhouette)
+    points, feet = aligned_with(measured.points, truth if signed_area(truth) > 0.0 else truth[::-1])
+    noise = measured.noise
+    covariance = noise.covariance(points) + measured.pose.offset**2
+    white = scipy.linalg.solve_triangular(scipy.linalg.cholesky(covariance, lower=True), feet.distance, lower=True)
+    angle = 2.0 * np.pi * np.arange(len(points)) / len(points)
+    waves = np.array([np.ones_like(angle), *(turn(k * angle) for k in range(2, MODES) for turn in (np.cos, np.sin))])
+    tally.waves.append((waves @ feet.distance) / np.sqrt(np.einsum("ki,ij,kj->k", waves, covariance, waves)))
+    stated = np.sqrt(np.mean(np.diag(covariance)))
+    neighbours = np.mean(feet.distance * np.roll(feet.distance, 1))
+    expected = np.mean(np.diag(covariance, 1))
+    tally.residuals.append([np.mean(feet.distance**2), stated**2, neighbours, expected, np.mean(white**2)])
+
+
+def weigh(engine: Quadrature, measurement: Measurement, truth: tuple[float, float], tally: Tally) -> None:
+    """Compute ranks of the truth and widths of the posteriors, from the silhouette and from the lengths alone."""
+    widths = []
+    for data, seen in (("silhouette", measurement), ("lengths", replace(measurement, outline=None))):
+        posterior = engine(seen)
+        below = [posterior.probability_below(name, value) for name, value in zip(NAMES, truth, strict=True)]
+        tally.ranks[data].append(below)
+        widths.append([posterior.log_marginal(NAMES[0]).sd, posterior.marginal(NAMES[1]).sd])
+    tally.widths[measurement.axial_length is not None].append([*widths[0], *widths[1]])
+
+
+def summary(tallies: dict[str, Tally]) -> dict[str, Any]:
+    """Return the numbers of each set of pictures."""
+    return {name: _numbers(tally) for name, tally in tallies.items() if tally.residuals}
+
+
+def _numbers(tally: Tally) -> dict[str, Any]:
+    square, stated, neighbours, expected, white = np.mean(tally.residuals, axis=0)
+    waves = np.abs(np.array(tally.waves))
+    made: dict[str, Any] = {
+        "n": len(waves),
+        "omitted": sorted(tally.failed),
+        "residual": float(np.sqrt(square)),
+        "stated": float(np.sqrt(stated)),
+        "correlation": [float(neighbours / square), float(expected / stated)],
+        "white": float(white),
+        "waves": {f"{level:.0%}": float(np.mean(waves < limit)) for level, limit in LEVELS.items()},
+    }
+    for data, below in tally.ranks.items():
+        away = 2.0 * np.abs(np.array(below) - 0.5)
+        made[data] = {f"{level:.0%}": np.mean(away < level, axis=0).tolist() for level in LEVELS} | {"n": len(away)}
+    made["widths"] = {
+        "seen" if seen else "not seen": {"n": len(widths), "medians": np.median(np.array(widths), axis=0).tolist()}
+        for seen, widths in tally.widths.items()
+        if widths
+    }
+    return made
+
+
+def coverage_table(stored: dict[str, Any]) -> str:
+    """Return the table of residuals and of intervals that hold the truth, in Markdown."""
+    lines = [f"| {' | '.join(COVERAGE)} |", f"|{'---|' * len(COVERAGE)}"]
+    for name, found in stored.items():
+        numbers = [f"{found['residual']:.4f}", f"{found['stated']:.4f}", f"{found['white']:.2f}"]
+        waves = ", ".join(f"{share:.0%}" for share in found["waves"].values())
+        lines.append(f"| {' | '.join((name, str(found['n']), *numbers, waves, *_shares(found['silhouette'])))} |")
+    count = sum(found["lengths"]["n"] for found in stored.values())
+    lengths = {
+        level: (sum(found["lengths"]["n"] * np.array(found["lengths"][level]) for found in stored.values()) / count)
+        for level in (f"{level:.0%}" for level in LEVELS)
+    }
+    return "\n".join([*lines, f"| from L_z and L_a alone | {count} | | | | | {' | '.join(_shares(lengths))} |"]) + "\n"
+
+
+def _shares(found: dict[str, Any]) -> list[str]:
+    return [", ".join(f"{found[f'{level:.0%}'][column]:.0%}" for level in LEVELS) for column in (0, 1)]
+
+
+def width_table(stored: dict[str, Any]) -> str:
+    """Return the table of the median standard deviations, in Markdown."""
+    lines = [f"| {' | '.join(WIDTHS)} |", f"|{'---|' * len(WIDTHS)}"]
+    for rear in ("seen", "not seen"):
+        for name, found in stored.items():
+            if rear in found["widths"]:
+                widths = found["widths"][rear]
+                ca, size, ca_by_lengths, size_by_lengths = widths["medians"]
+                numbers = (f"{ca:.3f}", f"{ca_by_lengths:.2g}", f"{size:.4f}", f"{size_by_lengths:.2g}")
+                lines.append(f"| {' | '.join((rear, name, str(widths['n']), *numbers))} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", nargs="?", type=int, default=60, help="number of capsules (default: 60)")
+    parser.add_argument("--seed", type=int, default=2024)
+    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
+    asked = parser.parse_args()
+    cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(asked.seed)
+    tallies = {name: Tally() for name in SETS}
+    with threadpool_limits(limits=1), suppress(KeyboardInterrupt):
+        for number in track(range(asked.count), description="capsules", transient=True):
+            name = list(SETS)[number % len(SETS)]
+            one(cases, SETS[name], random, tallies[name])
+    made = summary(tallies)
+    print(coverage_table(made), width_table(made), sep="\n")
+    for name, tally in tallies.items():
+        print(f"{name}: {len(tally.failed)} omitted: {', '.join(sorted(tally.failed)) or 'none'}")
+    if asked.write:
+        STORED.write_text(json.dumps(made, indent=1) + "\n")
+        for marks, text in zip(MARKS, (coverage_table(made), width_table(made)), strict=True):
+            renew(PAGE, *marks, text)
+
+
+def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:
+    """Return a random case, and a surrogate of the others that has a prediction there and all around."""
+    columns = [cases[name] for name in NAMES]
+    within = np.all([(one > one.min()) & (one < one.max()) for one in columns], axis=0)
+    while True:
+        row = int(random.choice(np.flatnonzero(within)))
+        case = Database(cases.dataset.isel(case=[row]))
+        others = Database(cases.dataset.isel(case=np.delete(np.arange(len(cases)), row)))
+        surrogate = Surrogate(others, view="silhouette")
+        if surrogate({name: case[name] for name in NAMES}).inside[0]:
+            return case, surrogate
+
+
+def one(cases: Database, blur: tuple[float, float], random: np.random.Generator, tally: Tally) -> None:
+    """Draw, measure and identify one capsule; omit it if its flow direction or its edge is not found."""
+    case, surrogate = without_one(cases, random)
+    scene, optics = scenery(case, blur, random)
+    made = draw(scene, optics, seed=int(random.integers(2**31)))
+    seen = Picture.from_array(made.picture)
+    detection = detect(seen, background=Picture.from_array(made.background))
+    speed = FLOW * float(case["velocity_ratio"][0])
+    measured = measurement_of(detection, seen, EXPERIMENT, Quantity(speed, 0.01 * speed, "m/s"))
+    if measured.outline is None:
+        tally.failed.append(detection.status.name if not detection.status.ok else "no direction")
+        return
+    compare(made, measured.outline, tally)
+    try:
+        truth = float(case["capillary_number"][0]), float(case["size_ratio"][0])
+        weigh(Quadrature(surrogate, EXPERIMENT), measured, truth, tally)
+    except InputError:
+        tally.failed.append("no such shape")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,381 @@
+"""Speed that a person feels: our commands and engines, each beside what else is in use, in one table.
+
+Run ``python -m evidence.benchmarks.speed [NAME ...]``; without names every row that is not in
+``evidence/results/speed.json`` yet is measured, ``--again`` measures all. ``--write`` renews the table in
+``docs/evidence.md``. Each row is measured in a process of its own, one after the other, with one thread of BLAS:
+compiled and read once, then the median of five times (of commands: after one that is not counted; silhouettes of films:
+of two; batches and the diagnosis: one time). Wall time depends on what else the machine does; processor time of all
+processes together does so less. ``dclab`` is `pip install dclab`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from evidence.markdown import renew
+
+if TYPE_CHECKING:
+    from capsbayes import Measurement, Surrogate
+    from capsbayes.infer import Posterior
+
+ROOT = Path(__file__).parents[2]
+STORED, PAGE = ROOT / "evidence" / "results" / "speed.json", ROOT / "docs" / "evidence.md"
+BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
+CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
+BATCH = ROOT / "examples" / "shared_membrane"
+FILM = ROOT / "examples" / "pictures" / "film.avi"
+SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
+SCRIPT = Path(sys.executable).with_name("capsbayes")
+RUNS, FEW, MANY = 5, 2, 200
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+Row = dict[str, Any]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", help="rows to be measured again")
+    parser.add_argument("--again", action="store_true", help="measure every row again")
+    parser.add_argument("--write", action="store_true", help="renew the table on the page")
+    parser.add_argument("--one", choices=ROWS, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.one:
+        print(json.dumps(ROWS[asked.one].measured()))
+        return
+    stored = json.loads(STORED.read_text()) if STORED.exists() else {}
+    for name in ROWS:
+        if asked.again or name in asked.names or name not in stored:
+            command = [sys.executable, "-m", "evidence.benchmarks.speed", "--one", name]
+            how = {"stdout": subprocess.PIPE, "text": True, "env": os.environ | ONE_THREAD, "cwd": ROOT}
+            done = subprocess.run(command, check=True, **how)
+            stored[name] = json.loads(done.stdout.splitlines()[-1])
+            STORED.write_text(json.dumps({name: stored[name] for name in ROWS if name in stored}, indent=1) + "\n")
+    print(table(stored))
+    if asked.write:
+        renew(PAGE, BEGIN, END, table(stored))
+
+
+def table(stored: dict[str, Row]) -> str:
+    """Return the table in Markdown."""
+    lines = ["| what | wall time | processor | wanted | |", "|---|---|---|---|---|"]
+    for name, row in stored.items():
+        wanted = f"{shown(ROWS[name].wanted)}" if ROWS[name].wanted else ""
+        cells = (ROWS[name].words, shown(row["wall"]), shown(row["processor"]), wanted, row.get("remark", ""))
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def shown(seconds: float) -> str:
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> shown(0.00123), shown(0.5), shown(12.3), shown(335.0), shown(1.2e-6)
+    ('1.2 ms', '0.50 s', '12 s', '340 s', '1.2 µs')
+    """
+    factor, unit = next(
+        (f, u) for least, f, u in ((0.1, 1.0, "s"), (1e-4, 1e3, "ms"), (0.0, 1e6, "µs")) if seconds >= least
+    )
+    number = factor * seconds
+    return f"{number:.2f} {unit}" if number < 1.0 else f"{float(f'{number:.2g}'):g} {unit}"
+
+
+def clocked(work: Callable[[], object], runs: int = RUNS) -> Row:
+    """Return the medians of wall and processor time, after a run that compiles and reads if there are several."""
+    taken = []
+    for _ in range(runs + (runs > 1)):
+        start, processor = time.perf_counter(), spent()
+        work()
+        taken.append((time.perf_counter() - start, spent() - processor))
+    wall, processor = zip(*(taken[1:] if runs > 1 else taken), strict=True)
+    return {"wall": statistics.median(wall), "processor": statistics.median(processor)}
+
+
+def through_gates(make: Callable[[int], Posterior], runs: int = RUNS, of: str = "runs") -> Row:
+    """Return what posteriors take, made by their number, and how many pass all gates."""
+    posteriors: list[Posterior] = []
+    found = clocked(lambda: posteriors.append(make(len(posteriors))), runs)
+    passed = sum(all(gate.passed for gate in posterior.gates) for posterior in posteriors[1:])
+    return found | {"remark": f"{passed} of {runs} {of} passed all gates"}
+
+
+def spent() -> float:
+    """Seconds of processor time of this process and of those that it started and that have ended."""
+    return time.process_time() + sum(os.times()[2:4])
+
+
+def command(*words: str | Path, runs: int = RUNS) -> Row:
+    """Time a command as a person runs it; Python keeps what it compiled, as it does unless told otherwise."""
+    known = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = [str(word) for word in words]
+    return clocked(lambda: subprocess.run(done, check=True, capture_output=True, env=known), runs)
+
+
+def imported() -> Row:
+    return command(sys.executable, "-c", "import capsbayes")
+
+
+def identified() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        return command(SCRIPT, "identify", CAPSULE, "--out", folder)
+
+
+def diagnosed() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        return command(SCRIPT, "diagnose", SESSION, "--out", Path(folder) / "study", runs=1)
+
+
+def shared(*options: str) -> Callable[[], Row]:
+    """Return what times the membrane of the batch of the examples."""
+
+    def run() -> Row:
+        with tempfile.TemporaryDirectory() as folder:
+            words = BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml", "--out", folder
+            return command(SCRIPT, "membrane", *words, *options, runs=1)
+
+    return run
+
+
+def many_shared(number: int) -> Callable[[], Row]:
+    """Return what times a batch whose outlines are drawn from the model itself: only its time counts."""
+
+    def run() -> Row:
+        from capsbayes import identify_membrane
+        from capsbayes.membrane_database import FREE_PARAMETERS
+        from evidence.benchmarks import membrane_coverage as coverage
+
+        model, rng = coverage.model("unknown"), np.random.default_rng(1)
+        ca, size = 0.07 * np.exp(0.15 * rng.standard_normal(number)), rng.uniform(0.82, 0.98, number)
+        values = np.column_stack([ca, size, np.broadcast_to([0.03, 2.0, 0.3, 2e-4], (number, 4))])
+        seen = model(dict(zip(FREE_PARAMETERS, values.T, strict=True)), outline=True)
+        numbers = np.column_stack([seen.axial_extent, seen.axial_length, seen.velocity_ratio])
+        drawn = zip(values, numbers, seen.outline, strict=True)
+        measurements = [coverage.measured("outline", *capsule, rng)[0] for capsule in drawn]
+        answers: list[Any] = []
+        found = clocked(
+            lambda: answers.append(identify_membrane(measurements, coverage.experiment(), seed=1, laws=False)), 1
+        )
+        return found | {"remark": f"without the odds of laws; {answers[0].status.name}"}
+
+    return run
+
+
+def opened() -> tuple[Any, Any, Any]:
+    """Return the capsule of the example, its experiment and the model."""
+    from capsbayes.experiment import Experiment
+    from capsbayes.measurement import Measurement
+    from capsbayes.surrogate import Surrogate
+
+    measurement = Measurement.read(CAPSULE)
+    return measurement, Experiment.read(measurement.experiment_file or CAPSULE), Surrogate.open("square-neo-hookean")
+
+
+def simulated(like: Measurement, model: Surrogate) -> list[Measurement]:
+    """Return noisy measurements of capsules all over the domain of the model, with the errors of a given one."""
+    rng, made = np.random.default_rng(1), []
+    (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
+    while len(made) < MANY:
+        ca, size = np.exp(rng.uniform(np.log(ca_low), np.log(ca_high))), rng.uniform(size_low, size_high)
+        prediction = model({"capillary_number": np.array([ca]), "size_ratio": np.array([size])})
+        extent = prediction.axial_extent[0] + like.axial_extent_error * rng.standard_normal()
+        length = prediction.axial_length[0] + (like.axial_length_error or 0.0) * rng.standard_normal()
+        if length < extent:  # neither outside the domain (NaN) nor an impossible shape
+            made.append(replace(like, axial_extent=extent, axial_length=length))
+    return made
+
+
+def on_grid() -> Row:
+    from capsbayes.infer import Quadrature
+
+    measurement, experiment, model = opened()
+    capsules, engine = simulated(measurement, model), Quadrature(model, experiment)
+    found = clocked(lambda: [engine(capsule) for capsule in capsules])
+    return {name: seconds / len(capsules) for name, seconds in found.items()} | {
+        "remark": f"mean of {len(capsules)} capsules all over the domain"
+    }
+
+
+def sampled() -> Row:
+    from capsbayes.infer import identify
+
+    measurement, experiment, model = opened()
+    found = through_gates(lambda number: identify(measurement, model, experiment, seed=number))
+    return found | {"remark": f"{found['remark']}; checked on a grid"}
+
+
+def membrane_unknown(kind: str) -> Callable[[], Row]:
+    """Return what times the identification of simulated capsules by lengths or outline, with the membrane unknown."""
+
+    def run() -> Row:
+        from capsbayes.infer import identify
+        from evidence.benchmarks import membrane_coverage as coverage
+
+        model, capsules = coverage.model("unknown"), list(coverage.capsules().values())
+
+        def identified(number: int) -> Posterior:
+            seen = coverage.measured(kind, *capsules[number], np.random.default_rng(number))[0]
+            return identify(seen, model, coverage.experiment(), seed=1)
+
+        return through_gates(identified, of="capsules")
+
+    return run
+
+
+def seen_in_film(database: str) -> Callable[[], Row]:
+    """Return what times the identification of a capsule by the silhouette that the frames of a film show together."""
+
+    def run() -> Row:
+        from capsbayes import Experiment, identify, measure_film
+        from capsbayes.surrogate import Surrogate
+
+        experiment = Experiment.read(FILM.with_name("experiment.toml"))
+        (capsule,) = measure_film(FILM, experiment, frame_rate="400 Hz").capsules
+        model = Surrogate.open(database, view="silhouette")
+        return through_gates(lambda number: identify(capsule.measurement, model, experiment, seed=number), FEW)
+
+    return run
+
+
+def plainly_sampled() -> Row:
+    """Sample all inputs by emcee with its own default moves until the chain has 50 autocorrelation times."""
+    import emcee
+
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
+    from density_of_all_inputs import DensityOfAllInputs
+
+    from capsbayes.infer import Prior
+    from capsbayes.infer.density import PosteriorDensity
+    from capsbayes.infer.prior import Inputs
+
+    measurement, experiment, model = opened()
+    inputs_of = Inputs.of(measurement, experiment)
+    density = DensityOfAllInputs(model, PosteriorDensity.of(measurement, inputs_of, Prior()))
+    inputs = [getattr(density.density.inputs, name) for name in density.sampled]
+    center = np.array([np.log(0.08), 0.96, *(known.value for known in inputs)])
+    widths = np.array([0.05, 0.005, *(0.5 * known.error for known in inputs)])
+    steps: list[int] = []
+
+    def run() -> None:
+        rng = np.random.default_rng(len(steps))
+        sampler = emcee.EnsembleSampler(64, len(center), density, vectorize=True)
+        state, done, time_ = center + widths * rng.standard_normal((64, len(center))), 0, np.inf
+        while done < 50 * time_:
+            state = sampler.run_mcmc(state, 500)
+            done, time_ = done + 500, float(np.max(sampler.get_autocorr_time(tol=0)))
+        steps.append(done)
+
+    return clocked(run) | {"remark": f"64 walkers, {int(statistics.median(steps))} steps: 50 autocorrelation times"}
+
+
+def predicted(method: str) -> Callable[[], Row]:
+    """Return what times the prediction of one point in a batch."""
+
+    def run() -> Row:
+        from capsbayes.database import Database
+        from capsbayes.surrogate import Surrogate
+        from evidence.benchmarks import interpolators
+
+        ours = Surrogate(Database.open("square-neo-hookean"))
+        part, count = ours.branches[0], 100_000 if method == "ours" else 10_000
+        known, held_out = interpolators.split(part.cases, part.branch)
+        points = interpolators.some_points(ours, count)
+        places = part.scaling.to_plane(*points.T)
+        learn = {
+            "ours": interpolators.surrogate,
+            "process": interpolators.gaussian_process,
+            "radial": interpolators.radial("thin_plate_spline"),
+        }[method]
+        predict = learn(known, part.scaling)
+        rms = interpolators.accuracy(predict, held_out, part.scaling)
+        theta = dict(zip(("capillary_number", "size_ratio"), points.T, strict=True))
+        found = clocked(lambda: ours(theta) if method == "ours" else predict(places))
+        return {name: seconds / count for name, seconds in found.items()} | {
+            "remark": f"rms error of L_a at {len(held_out)} held-out shapes: {rms[1]:.1e}"
+        }
+
+    return run
+
+
+def scattered(outline: bool) -> Callable[[], Row]:
+    """Return what times the prediction of one point with its covariance, all six parameters unknown."""
+
+    def run() -> Row:
+        from evidence.benchmarks import membrane as benchmark
+
+        model, theta = benchmark.some_points(5_000 if outline else 100_000)
+        count = len(theta["size_ratio"])
+        found = clocked(lambda: model(theta, outline=outline))
+        return {name: seconds / count for name, seconds in found.items()}
+
+    return run
+
+
+def batch(number: int) -> Callable[[], Row]:
+    def run() -> Row:
+        from evidence.benchmarks import populations
+
+        found = populations.one(number)
+        remark = f"two processes, {found['memory']:.1f} GiB; {found['done']:.1%} of the rows done"
+        return {"wall": found["wall"], "processor": found["processor"], "remark": remark}
+
+    return run
+
+
+def peer() -> Row:
+    import dclab
+    from dclab.features.emodulus import get_emodulus
+
+    rng, count = np.random.default_rng(1), 100_000
+    area, deformation = rng.uniform(40.0, 120.0, count), rng.uniform(0.01, 0.1, count)
+    known: dict[str, Any] = {"medium": "0.49% MC-PBS", "channel_width": 20.0, "flow_rate": 0.16, "px_um": 0.34}
+    how = known | {"temperature": 23.0, "visc_model": "herold-2017", "lut_data": "LE-2D-FEM-19"}
+    found = clocked(lambda: get_emodulus(area_um=area, deform=deformation, **how))
+    return found | {"remark": f"dclab {dclab.__version__}, for cells, without uncertainty"}
+
+
+class Timed(NamedTuple):
+    """A row: what is timed, in how many seconds it is wanted (none of others), and the function that times it."""
+
+    words: str
+    wanted: float | None
+    measured: Callable[[], Row]
+
+
+ROWS = {
+    "import": Timed("`import capsbayes`", 0.3, imported),
+    "identify": Timed("`capsbayes identify`, the whole command", 4.0, identified),
+    "quadrature": Timed("one capsule on a grid", 1e-3, on_grid),
+    "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
+    "film": Timed("one capsule by its silhouette in a film", 2.0, seen_in_film("square-neo-hookean")),
+    "film, inflated": Timed("the same with its pre-inflation unknown", 10.0, seen_in_film("square-pre-inflation")),
+    "unknown, lengths": Timed("one capsule by lengths, its membrane unknown", 2.0, membrane_unknown("lengths")),
+    "unknown, outline": Timed("one capsule by its outline, its membrane unknown", 10.0, membrane_unknown("outline")),
+    "plain emcee": Timed("the same posterior by plain emcee, all five unknowns sampled", None, plainly_sampled),
+    "surrogate": Timed("the model, a point of a batch", None, predicted("ours")),
+    "scattered": Timed("the model with the membrane unknown, a point of a batch", 5e-6, scattered(outline=False)),
+    "scattered, outline": Timed("the same with its outline", None, scattered(outline=True)),
+    "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted("radial")),
+    "process": Timed("scikit-learn's Gaussian process, Matérn 5/2, a point", None, predicted("process")),
+    "100000": Timed("a batch of 100 000 capsules", 30.0, batch(100_000)),
+    "1000000": Timed("a batch of 1 000 000 capsules", 300.0, batch(1_000_000)),
+    "dclab": Timed("100 000 point estimates of dclab", None, peer),
+    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, shared()),
+    "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, shared("--no-laws")),
+    "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
+    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, diagnosed),
+}
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The exam: many blind sessions diagnosed, and the page of the answers; run as ``python -m evidence.exam``."""

@@ -1,0 +1,262 @@
+"""Recipes of the shipped databases, and ``python -m evidence.rebuild``, which computes one of them again."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from capsbayes.arrays import Floats
+from capsbayes.database import Database
+from capsbayes.errors import InputError
+from capsbayes.files.output_file import check_replaceable
+from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.physics.build import (
+    Cases,
+    SteadySimulator,
+    build_database,
+    default_grid,
+    effect_grid,
+    parachute_grid,
+    stiffening_grid,
+    wide_grid,
+)
+from capsbayes.physics.continuation import SLACK_LIMIT
+from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, NeoHookean, Skalak, StrainHardening
+from capsbayes.physics.scattered import (
+    Continuation,
+    ScatteredState,
+    membrane_continuation,
+    scattered_dataset,
+    scattered_states,
+    sobol_places,
+)
+from capsbayes.physics.simulator import Simulator, UnsteadySimulator
+from capsbayes.status import Status
+from evidence.command import Arguments, count, path, run
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Simulator and cases of a database; for an effect database, also the parameter that varies and its values."""
+
+    simulator: SteadySimulator
+    cases: Cases
+    effect: str | None = None  # parameter of the simulator or of its law
+    values: tuple[float, ...] = ()
+    compare: int | None = None  # refinement of the finer mesh for the mesh's error
+
+
+_FINE = Simulator(refinement=12)
+_MEDIUM = Simulator(refinement=10)
+_COARSE = Simulator(refinement=8)
+_LAWS = {
+    "neo-hookean": NeoHookean(),
+    "skalak": Skalak(hardening=1.0),
+    "hooke": GeneralisedHooke(poisson_ratio=0.5),
+    "strain-hardening": StrainHardening(strain_hardening=0.0),
+    "hooke-share": HookeShare(hooke_share=0.0),
+}
+_INFLATIONS = (0.0, 0.01, 0.025, 0.05, 0.1)
+
+
+def _plain(cross_section: str, law: str, cases: Cases) -> Recipe:
+    return Recipe(replace(_FINE, cross_section=cross_section, law=_LAWS[law]), cases, compare=16)
+
+
+def _effect(
+    effect: str, *values: float, cross_section: str = "square", law: str = "neo-hookean", mesh: Simulator = _COARSE
+) -> Recipe:
+    return Recipe(replace(mesh, cross_section=cross_section, law=_LAWS[law]), effect_grid(), effect, values)
+
+
+RECIPES: dict[str, Recipe] = {
+    "square-neo-hookean": _plain("square", "neo-hookean", default_grid()),
+    "circular-neo-hookean": _plain("circular", "neo-hookean", default_grid()),
+    **{
+        f"{cross_section}-{law}": _plain(cross_section, law, stiffening_grid())
+        for cross_section in ("square", "circular")
+        for law in ("skalak", "hooke")
+    },
+    # inflation moves the snap-through and the limit of existence, and with them the coarse mesh's error
+    "square-pre-inflation": Recipe(_MEDIUM, wide_grid(), "pre_inflation", _INFLATIONS),
+    "circular-pre-inflation": Recipe(
+        replace(_COARSE, cross_section="circular"), wide_grid(), "pre_inflation", _INFLATIONS
+    ),
+    "square-hardening": _effect("hardening", 0.1, 0.3, 1.0, 3.0, 10.0, law="skalak"),
+    # strain hardening and bending round the sharp rim, and with it the coarse mesh's error is not the same
+    "square-strain-hardening": _effect("strain_hardening", 0.0, 0.25, 0.5, 1.0, law="strain-hardening", mesh=_FINE),
+    "square-hooke-share": _effect("hooke_share", 0.0, 0.25, 0.5, 1.0, law="hooke-share", mesh=_FINE),
+    "square-bending": _effect("bending", 5e-5, 2e-4, 5e-4, 1e-3, 1.7e-3, 3e-3, mesh=_FINE),
+    "square-rest-aspect": _effect("rest_aspect", 0.9, 0.95, 1.0, 1.05, 1.1),
+    "square-corner-radius": _effect("corner_radius", 0.0, 0.05, 0.1, 0.15, 0.2),
+    "square-unsteadiness": Recipe(
+        UnsteadySimulator(_COARSE), parachute_grid(), "unsteadiness", (0.0, 0.5, 1.0, 1.5, 2.0)
+    ),
+    "square-section-aspect": replace(
+        _effect("section_aspect", 0.9, 0.95, 1.0, 1.05, 1.1, cross_section="rectangular"), cases=parachute_grid()
+    ),
+}
+"""By name of the database."""
+
+
+def recipe_named(name: str) -> Recipe:
+    """Return the recipe of one database; refuse an unknown name."""
+    if name not in RECIPES:
+        raise InputError("recipe", "", f"one of {', '.join(RECIPES)}", repr(name))
+    return RECIPES[name]
+
+
+def build_shipped(
+    name: str,
+    *,
+    out: str | os.PathLike[str],
+    full: bool = False,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Database:
+    """Build a database that comes with the library, compact unless `full`, see `Database.compact`."""
+    recipe = recipe_named(name)
+    return build_database(
+        recipe.simulator,
+        recipe.cases,
+        out=out,
+        effect=recipe.effect,
+        values=recipe.values,
+        scheduler=scheduler,
+        workers=workers,
+        progress=progress,
+        compare=recipe.compare,
+        compact=not full,
+    )
+
+
+# States over flow and membrane. The places follow Sobol's sequence, stretched along Ca to where states are sought at
+# each size, inflation and hardening. In six dimensions most of a box is near its border, where a polynomial through the
+# states of one side is off by far more than inside; and the known laws are on it. So some of the places are moved to
+# the border.
+
+
+class MembraneRecipe(NamedTuple):
+    """A cross-section, and how many places are sought within the range and on its border."""
+
+    cross_section: str
+    states: int
+    border_states: int
+
+
+MEMBRANES = {
+    "membrane-square": MembraneRecipe("square", 2048, 1024),
+    "membrane-circular": MembraneRecipe("circular", 1024, 512),
+}
+"""Recipes of the shipped databases over the membrane, by their names."""
+
+_NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
+
+
+def membrane_start(continuation: Continuation) -> ScatteredState:
+    """Return the state from which the others are reached: a parachute, sought from rest."""
+    return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
+
+
+def spread_points(states: int, border_states: int) -> Floats:
+    """Return points (n, 6) from 0 to 1: first some spread evenly, then some that follow them, moved to the border."""
+    # Of the latter, coordinates of the membrane and of the size that are near to an end are moved there: on the average
+    # two of a point, so that all faces and many edges and corners have states.
+    points = sobol_places(states + border_states, len(FREE_PARAMETERS))
+    of_membrane = points[states:, 1:]
+    of_membrane[of_membrane < _NEAR] = 0.0
+    of_membrane[of_membrane > 1.0 - _NEAR] = 1.0
+    return points
+
+
+def membrane_places(continuation: Continuation, points: Floats) -> Floats:
+    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
+    places = points.copy()
+    _, size, inflation, _, hardening, _ = continuation.values(places).T
+    cross_section = str(continuation.settings["cross_section"])
+    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
+    along = continuation.axes[0]
+    places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
+    return places
+
+
+def build_membranes(
+    name: str,
+    *,
+    out: str | os.PathLike[str],
+    states: int | None = None,
+    border_states: int | None = None,
+    refinement: int = 8,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> MembraneDatabase:
+    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``."""
+    # States that the mesh does not resolve count as lost.
+    if name not in MEMBRANES:
+        raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
+    check_replaceable(Path(out))
+    recipe = MEMBRANES[name]
+    within = recipe.states if states is None else states
+    on_border = recipe.border_states if border_states is None else border_states
+    continuation = membrane_continuation(recipe.cross_section, refinement)
+    places = membrane_places(continuation, spread_points(within, on_border))
+    found = scattered_states(
+        continuation,
+        membrane_start(continuation),
+        places,
+        folder=f"{os.fspath(out)}.parts",
+        scheduler=scheduler,
+        workers=workers,
+        progress=progress,
+    )
+    resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
+    database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
+    database.write(out)
+    return database
+
+
+def rebuild(given: argparse.Namespace) -> int:
+    """Simulate every case of a shipped database, print their statuses, and return 1 if not one case converged."""
+    out: Path = given.out
+    if out.suffix != ".nc":
+        raise InputError("rebuild", "--out", "a file name that ends in .nc", repr(str(out)))
+    if not out.parent.is_dir():
+        raise InputError("rebuild", "--out", "a folder that exists", repr(str(out.parent)))
+    how = {"out": out, "scheduler": given.scheduler, "workers": given.workers}
+    if given.name in MEMBRANES:
+        states = build_membranes(given.name, **how).as_dict()
+        print(f"{out}: {states['states']} states, {states['lost']} lost\nsha256  {states['sha256']}")
+        return 0
+    begin = time.perf_counter()
+    database = build_shipped(given.name, full=given.full, **how)
+    print(f"{out}: {len(database)} cases in {time.perf_counter() - begin:.1f} s")
+    for name, number in database.as_dict()["statuses"].items():
+        print(f"{number:6d}  {Status[name]}")
+    print(f"sha256  {database.sha256}")
+    return int(not len(database.converged))
+
+
+def main() -> None:
+    """Read the arguments and run."""
+    arguments = Arguments(
+        "rebuild",
+        "Simulate every case of a shipped database; a second run continues where the first stopped. Exit status: 0 "
+        "done, 1 not one case converged, 2 bad input.",
+    )
+    add = arguments.add_argument
+    add("name", help="name of the database, as square-neo-hookean, or membrane-square")
+    add("--out", type=path, required=True, help="NetCDF file to write; finished cases are kept in OUT.parts")
+    add("--full", action="store_true", help="keep the nodes of the membrane and outlines in double precision")
+    add("--scheduler", help="address of a dask cluster that sees the same files (default: this machine)")
+    add("--workers", type=count, help="worker processes on this machine (default: one per core)")
+    run(arguments, rebuild)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""The exam: many blind sessions diagnosed, and the page of the answers."""

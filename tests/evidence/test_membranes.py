@@ -1,0 +1,75 @@
+"""The recipe of the states over the membrane: it gives the shipped states again."""
+
+import numpy as np
+import pytest
+
+from capsbayes.errors import InputError
+from capsbayes.membrane_database import MembraneDatabase, covered
+from capsbayes.physics.scattered import membrane_continuation, nearest_state
+from evidence.rebuild import build_membranes, membrane_places, spread_points
+
+
+def test_places_lie_where_states_are_sought():
+    continuation = membrane_continuation("square")
+    values = continuation.values(membrane_places(continuation, spread_points(512, 256)))
+    assert covered(values[1:]).all()  # the first is a corner
+
+
+def test_border_points_follow_the_others_and_reach_every_face():
+    points = spread_points(512, 256)
+    np.testing.assert_array_equal(points[:512], spread_points(512, 0))
+    inner, outer = points[:512, 1:], points[512:, 1:]
+    assert np.all(np.sum((inner == 0.0) | (inner == 1.0), axis=0) <= 1)
+    moved = (outer == 0.0) | (outer == 1.0)
+    assert np.all((outer[~moved] >= 0.2) & (outer[~moved] <= 0.8))
+    for end in (0.0, 1.0):
+        assert np.all(np.abs(np.mean(outer == end, axis=0) - 0.2) < 0.02)
+
+
+@pytest.mark.parametrize("cross_section", ["square", "circular"])
+def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored(cross_section):
+    """Found again from the stored shape, and again a step away."""
+    shipped, continuation = MembraneDatabase.open(cross_section), membrane_continuation(cross_section)
+    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
+    values = shipped["values"][chosen]
+    place = continuation.places(values[None])[0]
+    near = nearest_state(shipped, continuation, place + 1e-3)
+    np.testing.assert_array_equal(near.place, place)
+    state = continuation.reached(near, place)
+    assert state is not None
+    np.testing.assert_allclose(state.unknowns[:-2], near.unknowns[:-2], atol=5e-3)
+    assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=1e-5)
+    ahead = continuation.reached(state, place + 1e-3)
+    slopes = [axis.slope(unit) for axis, unit in zip(continuation.axes, place, strict=True)]
+    rate = shipped["numbers_along"][chosen, 2] * slopes
+    assert (ahead.unknowns[-2] - state.unknowns[-2]) / 1e-3 == pytest.approx(rate.sum(), rel=0.02, abs=1e-3)
+
+
+def test_a_shipped_state_is_found_again_on_a_finer_mesh():
+    shipped, finer = MembraneDatabase.open("square"), membrane_continuation("square", 10)
+    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
+    place = finer.places(shipped["values"][chosen][None])[0]
+    state = finer.reached(nearest_state(shipped, finer, place), place, derivatives=False)
+    assert len(state.unknowns) > len(shipped["mesh_mean"]) + 2
+    assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_small_one_is_built_and_read(tmp_path):
+    built = build_membranes(
+        "membrane-square",
+        out=tmp_path / "few.nc",
+        states=2,
+        border_states=1,
+        refinement=5,
+        scheduler="synchronous",
+        progress=False,
+    )
+    again = MembraneDatabase.open(tmp_path / "few.nc")
+    assert again.sha256 == built.sha256
+    assert built.as_dict()["states"] + built.as_dict()["lost"] == 3
+
+
+def test_an_unknown_name_is_refused(tmp_path):
+    with pytest.raises(InputError, match="membrane-circular, got 'membrane-oval'"):
+        build_membranes("membrane-oval", out=tmp_path / "oval.nc")
