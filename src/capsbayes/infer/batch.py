@@ -78,34 +78,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Model, experiment and prior of a run.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    experiment : Experiment or None
-        None if each measurement names its own.
-    prior : Prior
-    seed : int
-    capsule_velocity, flow_rate : Quantity, optional [m/s], [m^3/s]
-        Of capsules of which there are pictures: a velocity that they share, the flow rate in their channel.
-    background : Path, optional
-        Picture of the empty channel.
-    flow : str, optional
-        ``"right"`` or ``"left"``, in pictures.
-    by_hand : ByHand, optional
-        What is stated of the pictures.
-    """
+    """Model, experiment and prior of a run."""
 
     model: ForwardModel
-    experiment: Experiment | None
+    experiment: Experiment | None  # None: each measurement names its own
     prior: Prior
     seed: int
-    capsule_velocity: Quantity | None = None
-    flow_rate: Quantity | None = None
-    background: Path | None = None
-    flow: str | None = None
-    by_hand: Any = None
+    capsule_velocity: Quantity | None = None  # [m/s], which capsules in pictures share
+    flow_rate: Quantity | None = None  # [m^3/s], in their channel
+    background: Path | None = None  # picture of the empty channel
+    flow: str | None = None  # ``"right"`` or ``"left"``, in pictures
+    by_hand: Any = None  # what is stated of the pictures
 
     @cached_property
     def _engines(self) -> dict[bool, ExactEngine]:
@@ -128,13 +111,7 @@ class Run:
         return digest_of(__version__, self.model, self.seed, *how)
 
     def experiment_of(self, measurement: Measurement) -> Experiment:
-        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule.
-
-        Raises
-        ------
-        InputError
-            If there is neither.
-        """
+        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule."""
         known = self.experiment
         if known is None:
             if measurement.experiment_file is None:
@@ -155,16 +132,7 @@ _DRAWS = 10_000  # from which the mixture and the shares next to borders are com
 
 
 def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
-    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason.
-
-    Parameters
-    ----------
-    rows : CapsuleRows
-        Whose arrays are filled.
-    row : int
-    measurement : Measurement
-    run : Run
-    """
+    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason."""
     rows.engine[row] = "grid"
     try:
         _fill(rows, row, measurement, run)
@@ -248,12 +216,7 @@ _LONGEST_UNKEPT = 5.0  # s of work
 
 @dataclass(frozen=True)
 class StoredTask(abc.ABC):
-    """A task whose result is a part of a store.
-
-    Parameters
-    ----------
-    store : Store
-    """
+    """A task whose result is a part of a store."""
 
     store: Store
     kind: ClassVar[str]
@@ -327,13 +290,7 @@ class RowsTask(StoredTask):
 
 @dataclass(frozen=True)
 class TableTask(RowsTask):
-    """Some rows of a table of lengths.
-
-    Parameters
-    ----------
-    store : Store
-    measured : MeasuredLengths
-    """
+    """Some rows of a table of lengths."""
 
     measured: MeasuredLengths = field(repr=False)
     kind: ClassVar[str] = "rows"
@@ -382,15 +339,7 @@ class TableTask(RowsTask):
 
 @dataclass(frozen=True)
 class FileTask(RowsTask):
-    """One file of a measurement, or one picture.
-
-    Parameters
-    ----------
-    store : Store
-    measured : Path
-    capsule : str
-        Its name in tables.
-    """
+    """One file of a measurement, or one picture."""
 
     measured: Path
     capsule: str
@@ -423,15 +372,7 @@ class FileTask(RowsTask):
 
 @dataclass(frozen=True)
 class OutlinesTask(RowsTask):
-    """Some capsules of a file of outlines.
-
-    Parameters
-    ----------
-    store : Store
-    measurements : tuple of Measurement
-    left_out : tuple of str
-        One line for each capsule of the file that cannot be used.
-    """
+    """Some capsules of a file of outlines."""
 
     measurements: tuple[Measurement, ...] = field(repr=False)
     left_out: tuple[str, ...] = field(default=(), repr=False)
@@ -504,13 +445,7 @@ def prior_of_file(file: Path, default: Prior) -> Prior:
 
 
 def measured_file(file: Path, run: Run) -> Measurement:
-    """Return the measurement of a file: read from it, or measured in a picture.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or a picture lacks what it does not show.
-    """
+    """Return the measurement of a file: read from it, or measured in a picture."""
     if file.suffix.lower() not in PICTURES:
         return Measurement.read(file)
     from capsbayes.image import measure
@@ -535,40 +470,15 @@ _EXACT_ROWS = 8
 
 @dataclass(frozen=True, eq=False)
 class Listed:
-    """The capsules of a run.
+    """The capsules of a run."""
 
-    Parameters
-    ----------
-    tasks : list of RowsTask
-        In the order of the rows.
-    measurement : callable
-        From the number of a row to what was measured.
-    prior : callable
-        From the number of a row to its prior.
-    """
-
-    tasks: list[RowsTask]
-    measurement: Callable[[int], Measurement]
-    prior: Callable[[int], Prior]
+    tasks: list[RowsTask]  # in the order of the rows
+    measurement: Callable[[int], Measurement]  # from the number of a row to what was measured
+    prior: Callable[[int], Prior]  # from the number of a row to its prior
 
 
 def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
-    """List the capsules of a run.
-
-    Parameters
-    ----------
-    source : Path or MeasuredLengths
-        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of
-        outlines (.nc).
-    run : Run
-    store : Store
-        Where the rows are kept.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to identify, or a table comes without its experiment.
-    """
+    """List the capsules of a run."""
     if isinstance(source, MeasuredLengths):
         _check_experiment(run, source.source)
         return _table(source, run, store)
@@ -626,13 +536,7 @@ def _name_in(folder: Path, file: Path) -> str:
 
 
 def capsule_files(folder: Path) -> list[Path]:
-    """Return measurement files and pictures of a folder, and measurement files further down, as of films.
-
-    Raises
-    ------
-    InputError
-        If a film or an .rtdc file in the folder is not measured yet.
-    """
+    """Return measurement files and pictures of a folder, and measurement files further down, as of films."""
     return [*measurement_files(folder), *pictures_of(folder)]
 
 
@@ -656,20 +560,7 @@ def common_experiment(source: Path) -> Experiment | None:
 
 
 def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
-    """Return cross-section of the channel and view of the outlines, by the first capsule that states them.
-
-    Parameters
-    ----------
-    source : Path
-        As of `listed`.
-    experiment : Experiment, optional
-        Replaces that which the capsules name.
-
-    Raises
-    ------
-    InputError
-        If nothing is there, or nothing states the cross-section: naming the first capsule that cannot be read, if any.
-    """
+    """Return cross-section of the channel and view of the outlines, by the first capsule that states them."""
     _check_there(source)
     view, refused = MID_PLANE, None
     if source.is_dir():
@@ -710,26 +601,14 @@ _AGREES = 0.1  # standard deviation
 
 @dataclass(frozen=True)
 class Compared:
-    """Largest differences between sampled posteriors and rows, over all quantities of the capsules checked.
-
-    Parameters
-    ----------
-    capsules : int
-        Number of capsules checked.
-    agreeing : int
-        Number of capsules whose medians and ends of intervals agree within 0.1 standard deviation, in every quantity.
-    median, ends_68, ends_95 : float
-        Largest difference of a median and of an end of the intervals, in standard deviations.
-    wider : int
-        Number of the other capsules of which only ends differ, and lie farther out in the row.
-    """
+    """Largest differences between sampled posteriors and rows, over all quantities of the capsules checked."""
 
     capsules: int
-    agreeing: int
-    median: float
+    agreeing: int  # those whose medians and ends agree in every quantity
+    median: float  # largest difference of a median and of an end of the intervals, in standard deviations
     ends_68: float
     ends_95: float
-    wider: int
+    wider: int  # of the others: those of which only ends differ, and lie farther out in the row
 
     def __str__(self) -> str:
         others = self.capsules - self.agreeing
@@ -750,20 +629,10 @@ class Compared:
 
 @dataclass(frozen=True)
 class CheckTask(StoredTask):
-    """One capsule, to be sampled.
-
-    Parameters
-    ----------
-    store : Store
-    measurement : Measurement
-    summaries : (7, 7) array
-        Of its row.
-    seed : int
-    prior : Prior
-    """
+    """One capsule, to be sampled."""
 
     measurement: Measurement
-    summaries: Floats
+    summaries: Floats  # (7, 7), of its row
     seed: int
     prior: Prior
     kind: ClassVar[str] = "check"
@@ -773,10 +642,8 @@ class CheckTask(StoredTask):
 
     @property
     def differences(self) -> Floats | None:
-        """Of median, lower and upper ends of the 68 % and of the 95 % interval : (7, 5) array, None if not done.
-
-        In standard deviations; that of an end is positive where the row has it farther out.
-        """
+        """Of median, lower and upper ends of the 68 % and of the 95 % interval : (7, 5) array, None if not done."""
+        # In standard deviations; that of an end is positive where the row has it farther out.
         values = self.store.load(self.name)
         return None if values is None else values["differences"]
 
@@ -815,22 +682,12 @@ def drawn_rows(usable: Booleans, share: float, most: int, seed: int) -> NDArray[
 
 @dataclass(frozen=True)
 class ChainTask:
-    """One capsule, whose posterior is sampled with emcee and written.
-
-    Parameters
-    ----------
-    measurement : Measurement
-    prior : Prior
-    file : Path
-        Where the posterior goes, as `capsbayes identify` writes it.
-    digest : str
-        Hash of what it is computed from.
-    """
+    """One capsule, whose posterior is sampled with emcee and written."""
 
     measurement: Measurement
     prior: Prior
-    file: Path
-    digest: str
+    file: Path  # where the posterior goes, as `capsbayes identify` writes it
+    digest: str  # hash of what it is computed from
 
     @classmethod
     def of(cls, measurement: Measurement, prior: Prior, folder: Path, row: int, name: str, run: Run) -> ChainTask:

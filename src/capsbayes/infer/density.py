@@ -47,27 +47,14 @@ _Scaled = tuple[Quantity, LogGrid, Floats]
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDensity:
-    """Posterior density of one capsule, up to a constant.
-
-    Parameters
-    ----------
-    likelihood : LengthsLikelihood
-    prior : Prior
-    inputs : Inputs
-    error_scale : float
-        Factor on the standard errors of the model, one except in sensitivity studies.
-    coordinates : tuple of Coordinate
-        Further coordinates of the model, on which the shape depends too.
-    outline : OutlineLikelihood or TabulatedOutline, optional
-        Replaces the likelihood of the lengths, which then only serves to find the posterior.
-    """
+    """Posterior density of one capsule, up to a constant."""
 
     likelihood: LengthsLikelihood
     prior: Prior
     inputs: Inputs
-    error_scale: float = 1.0
-    coordinates: tuple[Coordinate, ...] = ()
-    outline: AnyOutline | None = None
+    error_scale: float = 1.0  # factor on the standard errors of the model, one except in sensitivity studies
+    coordinates: tuple[Coordinate, ...] = ()  # further coordinates of the model, on which the shape depends too
+    outline: AnyOutline | None = None  # in place of the lengths, which then only serve to find the posterior
     _tables: dict[Quantity, tuple[Floats, Floats]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -91,17 +78,7 @@ class PosteriorDensity:
         *,
         outline: bool = True,
     ) -> ModelAtPoints:
-        """Evaluate a model, Lambda included; everything is NaN outside its domain.
-
-        Parameters
-        ----------
-        model : ForwardModel
-        ca, size : (n,) arrays [-]
-        further : mapping of (n,) arrays, optional
-            The further coordinates of the model by name.
-        outline : bool
-            Evaluate the log density of the outline too, which costs a hundred times as much as all else.
-        """
+        """Evaluate a model, Lambda included; everything is NaN outside its domain."""
         theta = {"capillary_number": ca, "size_ratio": size, **(further or {})}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
@@ -176,21 +153,7 @@ class PosteriorDensity:
     def log_density(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats:
-        """Return the log of the integrated posterior density over (log Ca, a/l), without the factor of `log_share`.
-
-        Parameters
-        ----------
-        model : ModelAtPoints
-            The model there.
-        log_ca, size : arrays of one shape
-        half_width : array that broadcasts with them, optional [m]
-            Given where l is a dimension of its own; else its central value is used.
-
-        Returns
-        -------
-        array
-            NaN where the model has no answer.
-        """
+        """Return the log of the integrated posterior density over (log Ca, a/l), without the factor of `log_share`."""
         log_density = model.outline
         if log_density is None:
             log_density = self.likelihood.log_density(model, self.width_at(half_width))
@@ -210,13 +173,7 @@ class PosteriorDensity:
     def log_of_nodes(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats:
-        """Return the log of the posterior density at nodes, without the priors of the further coordinates.
-
-        Parameters
-        ----------
-        model, log_ca, size, half_width
-            As of `log_density`.
-        """
+        """Return the log of the posterior density at nodes, without the priors of the further coordinates."""
         place = model, log_ca, size, half_width
         log_density = self.log_density(*place) + self.log_share(*place)
         if half_width is None:
@@ -226,20 +183,17 @@ class PosteriorDensity:
     def log_share(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats | float:
-        """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l).
-
-        Return 0.0 if they certainly do at every point. Of a prior that is no range, it is the log of its mean density.
-        """
+        """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l)."""
+        # Return 0.0 if they certainly do at every point. Of a prior that is no range, it is the log of its mean
+        # density.
         modulus, radius = self._scaled_factors(model, log_ca, size, half_width)
         if half_width is None:
             return self._log_mean_weight(*modulus) + self._log_mean_weight(*radius)
         return self._log_mean_weight(*modulus) + self.prior.capsule_radius.log_weight(size * half_width)
 
     def _log_mean_weight(self, prior: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
-        """Return the log of the mean `Quantity.log_weight` of exp(logs) times an independent factor; 0.0 if it is one.
-
-        That of a prior that is no range is tabulated as far as it has been asked for.
-        """
+        """Return the log of the mean weight of exp(logs) times an independent factor by a prior; 0.0 if it is one."""
+        # That of a prior that is no range is tabulated as far as it has been asked for.
         if prior.is_range:
             return _within(prior, factor, logs)
         tried, means = self._tables.get(prior, (np.array([np.inf, -np.inf]), np.empty(0)))
@@ -273,22 +227,7 @@ class PosteriorDensity:
     def completed(
         self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints
     ) -> dict[str, Floats]:
-        """Draw everything else for given draws of the shape.
-
-        Parameters
-        ----------
-        rng : Generator
-        nodes : mapping
-            ``capillary_number``, ``size_ratio`` and, where they are dimensions, ``half_width`` and the further
-            coordinates of the model: (n,) arrays drawn from the integrated posterior.
-        model : ModelAtPoints
-            The model there.
-
-        Returns
-        -------
-        dict of (n,) arrays
-            All quantities by name, SI.
-        """
+        """Draw everything else for given draws of the shape."""
         count = len(nodes["capillary_number"])
         draws = dict(nodes)
         width = nodes.get("half_width")

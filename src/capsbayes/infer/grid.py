@@ -29,25 +29,13 @@ _COARSE = (48, 72)
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes of the (log Ca, a/l) plane, each the centre of a piece of it, and the predictions of a model there.
+    """Nodes of the (log Ca, a/l) plane, each the centre of a piece of it, and the predictions of a model there."""
 
-    Parameters
-    ----------
-    log_ca, size : (n,) arrays
-        Centres of the pieces.
-    side : (n,) array
-        Sides of a piece over those of a cell.
-    model : ModelAtPoints
-        Of (n,) arrays, NaN outside the model's domain.
-    cell : (n,) array
-        Number of the cell of a window, row by row of log Ca, in which each lies; empty without a window.
-    """
-
-    log_ca: Floats
+    log_ca: Floats  # (n,): centres
     size: Floats
-    side: Floats
-    model: ModelAtPoints
-    cell: Integers
+    side: Floats  # (n,): sides of a piece over those of a cell
+    model: ModelAtPoints  # of (n,) arrays, NaN outside the model's domain
+    cell: Integers  # (n,): number of the cell of a window, row by row of log Ca; empty without a window
 
     @classmethod
     def at(
@@ -83,19 +71,11 @@ class Nodes:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of (log Ca, a/l) cut into cells, with a node at the centre of each.
+    """A rectangle of (log Ca, a/l) cut into cells, with a node at the centre of each."""
 
-    Parameters
-    ----------
-    low, high : tuple of float
-        Corners (log Ca, a/l).
-    shape : tuple of int
-        Number of cells along each.
-    """
-
-    low: tuple[float, float]
+    low: tuple[float, float]  # (log Ca, a/l)
     high: tuple[float, float]
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # cells along each
 
     @property
     def step(self) -> tuple[float, float]:
@@ -123,17 +103,7 @@ class Window:
     def split(
         self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, density: PosteriorDensity | None = None
     ) -> Nodes:
-        """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
-
-        Parameters
-        ----------
-        nodes : Nodes
-            One for each cell that is visited.
-        cut : (i, j) bool array
-            Cells to split.
-        parts : int
-            Pieces along each side of a cell.
-        """
+        """Replace the nodes of some cells by those of smaller pieces inside the model's domain."""
         chosen = cut.ravel()[nodes.cell]
         offsets = (np.arange(parts) + 0.5) / parts - 0.5
         log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
@@ -144,19 +114,9 @@ class Window:
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
-        """Return a window around the likely cells, within bounds, cut anew.
-
-        One more cell is added on each side, or a quarter of this window where
-        the likely cells reach its edge and may go on beyond it.
-
-        Parameters
-        ----------
-        likely : (i, j) bool array
-        shape : tuple of int
-            Cells of the new window.
-        bounds : Window
-            Window that contains the result.
-        """
+        """Return a window around the likely cells, within bounds, cut anew."""
+        # One more cell is added on each side, or a quarter of this window where the likely cells reach its edge and may
+        # go on beyond it.
         low, high = [], []
         for k in (0, 1):
             cells = self.shape[k]
@@ -181,18 +141,10 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class CoarseTable:
-    """A model on a coarse lattice, by default over its whole domain: there the search for a posterior begins.
-
-    Parameters
-    ----------
-    window : Window
-    nodes : Nodes
-        One for each cell; the covariances of the lengths are widened by the change of the lengths across a cell, so
-        that no posterior falls between the nodes.
-    """
+    """A model on a coarse lattice, by default over its whole domain: there the search for a posterior begins."""
 
     window: Window
-    nodes: Nodes
+    nodes: Nodes  # one a cell, covariances widened by the change of the lengths across it
 
     @classmethod
     def of(cls, forward: ForwardModel) -> CoarseTable:
@@ -235,25 +187,15 @@ def _changes(values: Floats) -> tuple[Floats, Floats]:
 
 # Posterior of one capsule on a grid of (log Ca, a/l), and the distributions of all quantities that follow from it.
 #
-# A quantity is a function of the node times independent inputs, so its
-# distribution is a product of `LogGrid`: exact, without draws
+# A quantity is a function of the node times independent inputs, so its distribution is a product of `LogGrid`: exact,
+# without draws
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
 
 
 class ExactPosterior(abc.ABC):
-    """Posterior of one capsule by the exact engine.
-
-    Attributes
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-    gates : tuple of Gate
-        Whether it resolves the posterior.
-    unresolved : Status
-        If it does not.
-    """
+    """Posterior of one capsule by the exact engine."""
 
     forward: ForwardModel
     density: PosteriorDensity
@@ -395,36 +337,16 @@ class NodePosterior(ExactPosterior):
 
 @dataclass(frozen=True, eq=False)
 class GridPosterior(NodePosterior):
-    """Posterior of one capsule on a grid.
-
-    Parameters
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-    window : Window
-        Cells of (log Ca, a/l).
-    nodes : Nodes
-        Of the cells that are visited and of their pieces, n of them.
-    half_width : (k,) array or None [m]
-        Nodes of l, where it is a dimension.
-    free : (k or 1, n) array
-        Probability of each node before the prior ranges of G_s and a cut, over that of the likeliest.
-    log_scale : float
-        Log density of the likeliest, by which posteriors of one measurement are weighted.
-    share : array that broadcasts with it
-        Probability that G_s and a lie within their ranges there.
-    gates : tuple of Gate
-        On the resolution of the posterior by the cells.
-    """
+    """Posterior of one capsule on a grid."""
 
     forward: ForwardModel
     density: PosteriorDensity
-    window: Window
-    nodes: Nodes
-    half_width: Floats | None
-    free: Floats
-    log_scale: float
-    share: Floats | float
+    window: Window  # cells of (log Ca, a/l)
+    nodes: Nodes  # of the cells that are visited and of their pieces
+    half_width: Floats | None  # (k,) [m]: nodes of l, where it is a dimension
+    free: Floats  # (k or 1, n): probabilities over the largest, before the ranges of G_s and a cut
+    log_scale: float  # log density of the likeliest
+    share: Floats | float  # probability that G_s and a lie within their ranges there
     gates: tuple[Gate, ...]
 
     @cached_property
@@ -458,10 +380,8 @@ class GridPosterior(NodePosterior):
 
     @property
     def likelihood(self) -> tuple[Floats, Floats, Floats, float]:
-        """The posterior without the priors of G_s and a, where l is no dimension.
-
-        Probabilities (m,) of nodes, log(G_s / mu) and log(a / l) there (m,), and the variance of the former at each.
-        """
+        """The posterior without the priors of G_s and a, where l is no dimension."""
+        # Probabilities (m,) of nodes, log(G_s / mu) and log(a / l) there (m,), and the variance of the former at each.
         density = self.density
         modulus, radius = density.prior.both
         kept = self.free[0] > _NEGLIGIBLE * self.free.max()

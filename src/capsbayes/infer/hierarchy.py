@@ -64,18 +64,9 @@ _THREADS = 2
 
 @dataclass(frozen=True, eq=False)
 class LogPosterior:
-    """Log posterior density of the `PARAMETERS` of a population, and of its `FREEDOMS` if its tails are not normal.
+    """Log posterior density of the `PARAMETERS` of a population, and of its `FREEDOMS` if its tails are not normal."""
 
-    Parameters
-    ----------
-    components : (n, c, 6) array
-        Likelihood of each capsule in (log G_s, log a).
-    selection : Selection, optional
-    tails : str
-        One of `capsbayes.infer.selection.TAILS`.
-    """
-
-    components: NDArray[np.float32]
+    components: NDArray[np.float32]  # (n, c, 6): likelihood of each capsule in (log G_s, log a)
     selection: Selection | None = None
     tails: str = NORMAL
 
@@ -116,17 +107,7 @@ class LogPosterior:
             into -= self.selection.log_probability(some, modulus, radius)
 
     def of_capsules(self, parameters: Floats) -> Floats:
-        """Return the log likelihood of each capsule for some populations, up to a constant of the capsule.
-
-        Parameters
-        ----------
-        parameters : (d, p) array
-
-        Returns
-        -------
-        (d, n) array
-            Given that the capsule is in the sample. Their sum over the capsules is the log likelihood.
-        """
+        """Return the log likelihood of each capsule for some populations, up to a constant of the capsule."""
         parameters = np.ascontiguousarray(parameters)
         modulus, radius = self.mixtures(parameters)
         values = np.empty((len(self.components), len(parameters)))
@@ -220,12 +201,10 @@ _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 def drawn(
     log_posterior: LogPosterior, place: tuple[Floats, Floats], rng: np.random.Generator
 ) -> tuple[Floats, list[Gate]]:
-    """Draw from a posterior; return the draws (d, p) and the gates on their weights.
-
-    `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
-    to the weighted draws and drawn from again; to draws whose weights are raised to a power below one if few of them
-    have all the weight.
-    """
+    """Draw from a posterior; return the draws (d, p) and the gates on their weights."""
+    # `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
+    # to the weighted draws and drawn from again; to draws whose weights are raised to a power below one if few of them
+    # have all the weight.
     most = _PROPOSAL_DRAWS if log_posterior.tails == NORMAL else _DRAWS_OF_TAILS
     count = int(np.clip(_BUDGET / log_posterior.size, _FEWEST_DRAWS, most))
     centre, covariance = place
@@ -296,15 +275,7 @@ RESIDUALS = ("surface_shear_modulus", "capsule_radius")
 
 
 def tail_p_values(log_posterior: LogPosterior, parameters: Floats, rng: np.random.Generator) -> dict[str, float]:
-    """Return the share of replicates whose kurtosis is at least that of the capsules, for each of the `RESIDUALS`.
-
-    Parameters
-    ----------
-    log_posterior : LogPosterior
-    parameters : (d, p) array
-        Draws of it.
-    rng : numpy.random.Generator
-    """
+    """Return the share of replicates whose kurtosis is at least that of the capsules, for each of the `RESIDUALS`."""
     components, selection = log_posterior.components.astype(np.float64), log_posterior.selection
     chosen = np.sort(rng.choice(len(components), min(len(components), _MOST), replace=False))
     components = components[chosen]
@@ -360,10 +331,8 @@ def _kurtoses(values: Floats, own: Floats, parameters: Floats) -> Floats:
 # Population of the capsules of a session: mean and spread of G_s and a with the errors removed.
 #
 # Each capsule has its own (log G_s, log a), drawn from a Gaussian population with a slope d ln G_s / d ln a, or from
-# one
-# with heavier tails. Capsules too soft for their flow have no steady shape and are not in the sample. Viscosity
-# and half width are those of all capsules: their errors do not shrink with the number of capsules, so they are
-# integrated
+# one with heavier tails. Capsules too soft for their flow have no steady shape and are not in the sample. Viscosity and
+# half width are those of all capsules: their errors do not shrink with the number of capsules, so they are integrated
 # outside the loop over capsules. A viscosity moves every log G_s by the same amount, which moves the mean and leaves
 # spread and slope as they are; so does a half width with log a
 
@@ -643,13 +612,7 @@ def hierarchy(
 
 
 def _taking_part(population: Population, least_stretch: float | None, model: ForwardModel | None) -> NDArray[np.bool_]:
-    """Return which capsules take part : (n,) array.
-
-    Raises
-    ------
-    InputError
-        If they are too few, or the cut is none.
-    """
+    """Return which capsules take part : (n,) array."""
     kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
     if least_stretch is not None:
         _check_cut(least_stretch, model)
@@ -742,35 +705,11 @@ def _shared(population: Population, experiment: Experiment | None) -> tuple[Quan
 
 @dataclass(frozen=True, eq=False)
 class ModulusSpread:
-    """Distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
+    """Distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known."""
 
-    Parameters
-    ----------
-    mean : float or (d,) array
-        Mean of ln G_s, or draws of its posterior.
-    sd : float or (d,) array
-        Standard deviation of ln G_s from capsule to capsule, or draws of it, paired with those of the mean; of heavy
-        tails, half the width of the central 68.3 %.
-    tails : ScaleMixture, optional
-        Variances and weights of the normal distributions that make up heavy tails, one row for each draw.
-
-    Raises
-    ------
-    InputError
-        If they are not as many, not finite, or a standard deviation is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> spread = ModulusSpread(mean=np.log(0.05), sd=0.1)
-    >>> middle, low, high = spread.density(np.array([0.05]))
-    >>> float(middle[0].round(3)), bool(low == high)
-    (3.989, True)
-    """
-
-    mean: ArrayLike
-    sd: ArrayLike
-    tails: ScaleMixture | None = None
+    mean: ArrayLike  # of ln G_s, or draws of it (d,)
+    sd: ArrayLike  # of ln G_s from capsule to capsule, or draws (d,); of heavy tails half the central 68.3 %
+    tails: ScaleMixture | None = None  # of heavy tails, one row a draw
 
     def __post_init__(self) -> None:
         mean, sd = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (self.mean, self.sd))
@@ -791,16 +730,7 @@ class ModulusSpread:
         return cls(np.log(median), sd, _tails(population))
 
     def density(self, modulus: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Return the density of ln G_s at given G_s: median and 95 % band over the draws.
-
-        Parameters
-        ----------
-        modulus : (n,) array [N/m]
-
-        Returns
-        -------
-        middle, low, high : (n,) arrays
-        """
+        """Return the density of ln G_s at given G_s: median and 95 % band over the draws."""
         off = np.log(modulus) - np.asarray(self.mean)[:, None]
         variances, weights = self.tails or ScaleMixture.normal(len(off)).scaled(np.asarray(self.sd))
         each = np.zeros_like(off)

@@ -50,12 +50,10 @@ from capsbayes.surrogate import MembraneSurrogate
 # estimate is narrower than the truth but for chance:
 #
 # - a linear estimate of ln G_s from it, over draws of the posterior, takes away c (S + E)^-1 c, with the covariance S
-# of
-#   what the draws predict, that of its errors E, and its covariance c with ln G_s; it is loose where the posterior is
-#   wide and the model curved over it, as no nonlinear estimate is tried;
+#   of what the draws predict, that of its errors E, and its covariance c with ln G_s; it is loose where the posterior
+#   is wide and the model curved over it;
 # - the model linearised at single draws, with the normal scores of the priors, has the inverse of the Fisher
-# information
-#   as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
+#   information as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
 
 OUTLINE_NOISE = OutlineNoise(0.005, 0.2)
 """Errors of an outline that is yet to be measured."""
@@ -77,21 +75,7 @@ _FREE = 1e-6  # information on log Ca and a/l that no data have
 
 
 def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) -> dict[str, float]:
-    """Return the expected standard deviation of ln G_s after each of several measurements, the narrowest first.
-
-    Parameters
-    ----------
-    grid : WeightedPosterior
-    measurement : Measurement
-        That it is the posterior of.
-
-    Returns
-    -------
-    dict of float
-        By name: a further coordinate that becomes known; ``membrane_thickness`` to `THICKNESS_ERROR` where the bending
-        modulus is free; ``outline`` with `OUTLINE_NOISE`, unless there is one; one of `FLOWS`, measured like the
-        present one, where the model has such shapes.
-    """
+    """Return the expected standard deviation of ln G_s after each of several measurements, the narrowest first."""
     modulus = "surface_shear_modulus"
     total = grid.log_marginal(modulus).sd ** 2
     known = [name for name in grid.frame.columns if name != "bending" or not grid.density.by_thickness]
@@ -247,24 +231,9 @@ def _begun(cross_section: str) -> Future[MembraneSurrogate]:
 def modulus_over_laws(
     measurement: Measurement, experiment: Experiment, model: ForwardModel
 ) -> tuple[float, float] | None:
-    """Return the least and the largest G_s [N/m] that laws at the ends of a model's ranges of K and h give.
-
-    Of each law it is that of the shape whose lengths are nearest to the measured ones; viscosity, velocity and half
-    width have their central values, and the other coordinates their null values.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        With both lengths; without L_a a law has no single shape, and the answer is None.
-    experiment : Experiment
-    model : ForwardModel
-        With K and h as coordinates, as a `MembraneSurrogate`.
-
-    Returns
-    -------
-    tuple of float, or None
-        None also if fewer than two laws have such a shape.
-    """
+    """Return the least and the largest G_s [N/m] that laws at the ends of a model's ranges of K and h give."""
+    # Of each law it is that of the shape whose lengths are nearest to the measured ones; viscosity, velocity and half
+    # width have their central values, and the other coordinates their null values.
     if measurement.axial_length is None:
         return None
     seen = LengthsLikelihood.of(measurement).with_half_width(experiment.half_width.value, experiment.half_width.error)
@@ -301,15 +270,12 @@ def _nearest(model: ForwardModel, seen: LengthsLikelihood) -> tuple[float, float
 
 # Shares of the inputs in the uncertainty of G_s and of a.
 #
-# Viscosity and velocity multiply G_s and are independent of the shape: their shares are
-# their variances of log G_s, exactly, and nothing of that of log a. Where the
-# lengths are over l, the half width multiplies a in the same way. A further
-# coordinate of the model contributes the variance of the mean of the logarithm from one
-# of its values to another. For every other input the posterior is computed
-# again with the error of that input halved. Were the logarithm linear in it, its
-# part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
-# and the parts would add up to V; what is missing to one is due to the prior
-# and to the curvature of the model
+# Viscosity and velocity multiply G_s and are independent of the shape: their shares are their variances of log G_s,
+# exactly, and nothing of that of log a. Where the lengths are over l, the half width multiplies a in the same way. A
+# further coordinate of the model contributes the variance of the mean of the logarithm from one of its values to
+# another. For every other input the posterior is computed again with the error of that input halved. Were the logarithm
+# linear in it, its part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved), and the parts would
+# add up to V; what is missing to one is due to the prior and to the curvature of the model
 
 REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
@@ -327,22 +293,7 @@ def add_up(shares: Mapping[str, float]) -> bool:
 def variance_shares(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, *quantities: str
 ) -> dict[str, dict[str, float]]:
-    """Return the share of the variance of the logarithm of each quantity due to each input.
-
-    Parameters
-    ----------
-    engine : ExactEngine
-    measurement : Measurement
-    posterior : ExactPosterior
-        Of that measurement.
-    *quantities : str
-        Of `QUANTITIES`.
-
-    Returns
-    -------
-    dict of dict
-        By quantity, by name of the input; those of a quantity add up to one.
-    """
+    """Return the share of the variance of the logarithm of each quantity due to each input."""
     totals = {quantity: _variance(posterior, quantity) for quantity in quantities}
     shares = {quantity: _of_factors(posterior, quantity, total) for quantity, total in totals.items()}
     for name, halved in _each_halved(engine, measurement, posterior):
@@ -551,14 +502,8 @@ def identify(
 def check_applies(
     model: ForwardModel, measurement: Measurement, experiment: Experiment, *, viscosity_needed: bool = True
 ) -> None:
-    """Refuse a model of another cross-section than the experiment, or of another view than the measured outline.
-
-    Where the viscosity is needed, an experiment without one is refused too.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a model of another cross-section than the experiment, or of another view than the measured outline."""
+    # Where the viscosity is needed, an experiment without one is refused too.
     model.check_experiment(experiment, viscosity_needed=viscosity_needed)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")

@@ -15,7 +15,7 @@ from capsbayes.arrays import Floats
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
 
-# Compiled formulas of inference: the exact engine reads them for arrays, rows of many capsules for one node at a time.
+# Compiled formulas of inference.
 #
 # The lengths (L_z, L_a) are Gaussian: L_z with the variance ``zz``, and L_a given L_z. L_a is NaN where it is missing
 
@@ -78,23 +78,14 @@ def velocity_ratio(
 
 
 class Flow(NamedTuple):
-    """Second source of the mean velocity, the flow rate over the area of the cross-section: U = Q / (A/l^2 l^2).
+    """Second source of the mean velocity, the flow rate over the area of the cross-section: U = Q / (A/l^2 l^2)."""
 
-    All quantities are log-normal here, so that everything stays Gaussian in the logarithms.
+    # All quantities are log-normal here, so that everything stays Gaussian in the logarithms.
 
-    Parameters
-    ----------
-    offset : float
-        Log of Q / (A v_o), by the means of the logarithms: minus log(v_o/U) if both agree; NaN without a flow rate.
-    velocity, half_width, rate : float
-        Variances of log v_o (infinite where it was not measured: the flow rate is then the only source), of log l
-        (zero where l is known or a dimension of its own) and of log Q.
-    """
-
-    offset: float
-    velocity: float
-    half_width: float
-    rate: float
+    offset: float  # log of Q / (A v_o) by the means: minus log(v_o/U) if both agree; NaN without a flow rate
+    velocity: float  # variance of log v_o, infinite where the flow rate is the only source
+    half_width: float  # variance of log l, zero where l is known or a dimension
+    rate: float  # variance of log Q
 
 
 @compiled
@@ -290,41 +281,25 @@ def border_steps(covariance: Floats) -> Floats:
 
 # Likelihood of the lengths: Gaussian, with the measurement's covariance plus the model's own at that point.
 #
-# The model's error varies over the (Ca, a/l) plane, so the determinant of the
-# covariance is part of the likelihood. L_a may be missing
+# The model's error varies over the (Ca, a/l) plane, so the determinant of the covariance is part of the likelihood. L_a
+# may be missing
 
 
 class ModelAtPoints(NamedTuple):
-    """Predictions of a model as the likelihood reads them, of any batch shape.
+    """Predictions of a model as the likelihood reads them, of any batch shape."""
 
-    Parameters
-    ----------
-    extent, length, velocity_ratio : arrays [l], [l], [U]
-        L_z, L_a, v_o/U.
-    zz, za, aa : arrays
-        Covariance of the model's own error in L_z and L_a.
-    zr, ar, rr : arrays
-        The same with v_o/U.
-    stretch_ratio : array
-        Lambda.
-    log_area : array or None
-        Log of the area of the cross-section over that of the plain one, where a flow rate is given.
-    outline : array or None
-        Log density of the measured outline given the model's, where there is one.
-    """
-
-    extent: Floats
-    length: Floats
-    velocity_ratio: Floats
-    zz: Floats
+    extent: Floats  # L_z [l]
+    length: Floats  # L_a [l]
+    velocity_ratio: Floats  # v_o/U
+    zz: Floats  # covariance of the model's own error in L_z and L_a
     za: Floats
     aa: Floats
-    zr: Floats
+    zr: Floats  # the same with v_o/U
     ar: Floats
     rr: Floats
-    stretch_ratio: Floats
-    outline: Floats | None = None
-    log_area: Floats | None = None
+    stretch_ratio: Floats  # Lambda
+    outline: Floats | None = None  # log density of the measured outline
+    log_area: Floats | None = None  # of the cross-section over that of the plain one, given a flow rate
 
     def at_unit_velocity(self) -> ModelAtPoints:
         """Return the same with v_o/U known to be one, as where mu U is given in place of viscosity and velocity."""
@@ -356,34 +331,14 @@ class ModelAtPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LengthsLikelihood:
-    """Density of the measured lengths given the model.
+    """Density of the measured lengths given the model."""
 
-    Parameters
-    ----------
-    extent : float
-        L_z as measured.
-    length : float or None
-        L_a as measured.
-    zz, za, aa : float
-        Covariance of the measurement.
-    over_half_width : bool
-        True if they are over l, else they are in metres.
-
-    Examples
-    --------
-    >>> seen = LengthsLikelihood(2.14, None, 0.01**2, 0.0, 0.0, True)
-    >>> ones, zeros = np.ones(1), np.zeros(1)
-    >>> at = ModelAtPoints(2.14 * ones, ones, ones, zeros, zeros, zeros, zeros, zeros, zeros, ones)
-    >>> seen.log_density(at).round(4).tolist()  # -log(0.01 sqrt(2 pi))
-    [3.6862]
-    """
-
-    extent: float
-    length: float | None
-    zz: float
+    extent: float  # L_z
+    length: float | None  # L_a
+    zz: float  # covariance of the measurement
     za: float
     aa: float
-    over_half_width: bool
+    over_half_width: bool  # else in metres
 
     @classmethod
     def of(cls, measurement: Measurement) -> LengthsLikelihood:
@@ -400,21 +355,7 @@ class LengthsLikelihood:
         )
 
     def log_density(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
-        """Return the log density of the measured lengths.
-
-        Parameters
-        ----------
-        model : ModelAtPoints
-            Of any batch shape.
-        half_width : array that broadcasts with it [m]
-            Read only if the lengths are in metres; the density is then one of
-            lengths in metres, hence the powers of l.
-
-        Returns
-        -------
-        array
-            NaN where the model has no answer.
-        """
+        """Return the log density of the measured lengths."""
         square, volume = misfits(*self.differences(model, half_width))
         log_density = -0.5 * (square + np.log(volume))
         if self.over_half_width:

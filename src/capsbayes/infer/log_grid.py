@@ -25,30 +25,12 @@ _TAIL = 1e-9  # probability beyond either end of the grid of another distributio
 
 
 class LogGrid(NamedTuple):
-    """Distribution of a positive quantity x.
+    """Distribution of a positive quantity x."""
 
-    Parameters
-    ----------
-    start : float
-        Logarithm of x at the first grid point.
-    step : float
-        Distance of the grid points; any positive number for a single point.
-    masses : (m,) array
-        Probabilities, summing to one.
-    mean, variance : float
-        Moments of log x before it was laid on the grid.
-
-    Examples
-    --------
-    >>> product = LogGrid.known(2.0).times(LogGrid.known(3.0))
-    >>> round(product.marginal().median, 9)
-    6.0
-    """
-
-    start: float
-    step: float
-    masses: Floats
-    mean: float
+    start: float  # logarithm of x at the first grid point
+    step: float  # distance of the grid points; any positive number for a single point
+    masses: Floats  # (m,): probabilities, summing to one
+    mean: float  # moments of log x before it was laid on the grid
     variance: float
 
     @classmethod
@@ -84,14 +66,7 @@ class LogGrid(NamedTuple):
 
     @classmethod
     def mixed(cls, parts: Sequence[LogGrid], weights: Floats) -> LogGrid:
-        """Return the mixture of several distributions.
-
-        Parameters
-        ----------
-        parts : sequence of LogGrid
-        weights : (n,) array
-            Probability of each, summing to one.
-        """
+        """Return the mixture of several distributions."""
         if len(parts) == 1:
             return parts[0]
         means = np.array([part.mean for part in parts])

@@ -43,29 +43,15 @@ _FINE = 64  # points in a cell for the moments of the coordinate
 
 @dataclass(frozen=True, eq=False)
 class MixedPosterior(ExactPosterior):
-    """Posterior of one capsule over (log Ca, a/l) and one more coordinate.
+    """Posterior of one capsule over (log Ca, a/l) and one more coordinate."""
 
-    The range of the prior of the coordinate is cut into cells of equal
-    probability; in the middle of each the posterior over (log Ca, a/l) is
-    known on a grid of its own.
-
-    Parameters
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-        With the coordinate.
-    shares : (n,) array
-        Middles of n cells, as shares of the prior below.
-    width : float
-        Of a cell.
-    parts : sequence of n GridPosterior
-    gates : tuple of Gate
-    """
+    # The range of the prior of the coordinate is cut into cells of equal probability; in the middle of each the
+    # posterior over (log Ca, a/l) is known on a grid of its own.
 
     forward: ForwardModel
-    density: PosteriorDensity
-    shares: Floats
-    width: float
+    density: PosteriorDensity  # with the coordinate
+    shares: Floats  # (n,): middles of n cells, as shares of the prior below
+    width: float  # of a cell
     parts: Sequence[GridPosterior]
     gates: tuple[Gate, ...] = ()
 
@@ -139,15 +125,7 @@ class MixedPosterior(ExactPosterior):
 
 
 class MixedQuadrature:
-    """Engine for many capsules of one experiment and one model with a further coordinate.
-
-    Parameters
-    ----------
-    model : ForwardModel
-        With one further coordinate.
-    experiment : Experiment
-    prior : Prior, optional
-    """
+    """Engine for many capsules of one experiment and one model with a further coordinate."""
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         (coordinate,) = Coordinate.all_of(model, prior or Prior())
@@ -159,21 +137,7 @@ class MixedQuadrature:
     def __call__(
         self, measurement: Measurement, *, inputs: Inputs | None = None, error_scale: float = 1.0
     ) -> MixedPosterior:
-        """Compute the posterior of one capsule.
-
-        Parameters
-        ----------
-        measurement : Measurement
-        inputs : Inputs, optional
-            Replace those of the measurement and of the experiment.
-        error_scale : float
-            Factor on the model's own standard errors.
-
-        Raises
-        ------
-        InputError
-            If no case of the model has such a shape, or the prior excludes all that have it.
-        """
+        """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, (self.coordinate,))
         if measurement.outline is not None:  # one covariance for all values, so that their evidences can be compared

@@ -68,11 +68,10 @@ def _shown(dataset: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class DeterministicAnswer:
-    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`.
+    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`."""
 
-    The mean velocity is missing where mu U is given as one quantity. `assumed` holds the null value of a further
-    coordinate of the model, which the procedure does not know.
-    """
+    # The mean velocity is missing where mu U is given as one quantity. `assumed` holds the null value of a further
+    # coordinate of the model, which the procedure does not know.
 
     surface_shear_modulus: float
     capsule_radius: float
@@ -90,13 +89,7 @@ class DeterministicAnswer:
 
 
 def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
-    """Identify with the paper's procedure on the model's database.
-
-    Returns
-    -------
-    DeterministicAnswer or None
-        None where the procedure does not apply: L_a missing, or a model without database.
-    """
+    """Identify with the paper's procedure on the model's database."""
     database = model.database
     if database is None or measurement.axial_length is None:
         return None
@@ -152,10 +145,8 @@ _MARGINAL = tuple(field.name for field in fields(Marginal))
 
 
 def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequence[Gate]) -> dict[str, Any]:
-    """Return what the tables of a posterior omit, ready for JSON.
-
-    The points of a measured outline are in a group of the file: they are too many for an attribute.
-    """
+    """Return what the tables of a posterior omit, ready for JSON."""
+    # The points of a measured outline are in a group of the file: they are too many for an attribute.
     measured = {name: getattr(seen, name) for name in _MEASURED} | {"conditions": dict(seen.conditions)}
     measured["experiment_file"] = None if seen.experiment_file is None else str(seen.experiment_file)
     if seen.outline is not None:
@@ -195,13 +186,7 @@ def work_of(path: Path) -> str | None:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """Read the fields of the `Posterior` that a file holds.
-
-    Raises
-    ------
-    InputError
-        If it is missing, damaged, or no such file.
-    """
+    """Read the fields of the `Posterior` that a file holds."""
     import h5netcdf
 
     check_file(path, "file of a posterior")

@@ -52,18 +52,7 @@ _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
 
 class Quadrature:
-    """Engine for many capsules of one model and one experiment.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    experiment : Experiment
-    prior : Prior, optional
-
-    Examples
-    --------
-    ``Quadrature(model, experiment)(measurement).marginal("surface_shear_modulus").median``
-    """
+    """Engine for many capsules of one model and one experiment."""
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment, self.prior = model, experiment, prior or Prior()
@@ -81,23 +70,7 @@ class Quadrature:
         error_scale: float = 1.0,
         outline: AnyOutline | None = None,
     ) -> GridPosterior:
-        """Compute the posterior of one capsule.
-
-        Parameters
-        ----------
-        measurement : Measurement
-        inputs : Inputs, optional
-            Replace those of the measurement and of the experiment.
-        error_scale : float
-            Factor on the model's own standard errors.
-        outline : OutlineLikelihood, optional
-            Likelihood of the outline; by default that of the measured outline about the most probable shape.
-
-        Raises
-        ------
-        InputError
-            If the model has no such shape, or the prior excludes all capsules that have it.
-        """
+        """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)
         check_shape(self.model, measurement, with_error_of_half_width(density), self.table.nodes)
@@ -119,23 +92,9 @@ class Quadrature:
         return posterior
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
-        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
-
-        Neither the lengths nor a flow rate next to a velocity are read. Covariances are widened as those of a
-        `CoarseTable`.
-
-        Parameters
-        ----------
-        density : PosteriorDensity
-            Of the capsule.
-
-        Returns
-        -------
-        model : ModelAtPoints
-            Of (n,) arrays.
-        logs : (n,) array
-            Up to a constant of the capsule.
-        """
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities."""
+        # Neither the lengths nor a flow rate next to a velocity are read. Covariances are widened as those of a
+        # `CoarseTable`.
         by_rate = density.inputs.by_flow_rate
         if density.flow_rate is not None and not by_rate:
             density = replace(density, inputs=density.inputs.first_source)
@@ -221,21 +180,7 @@ def with_error_of_half_width(density: PosteriorDensity) -> PosteriorDensity:
 
 
 def check_shape(model: ForwardModel, measurement: Measurement, density: PosteriorDensity, nodes: Nodes) -> None:
-    """Refuse lengths that lie far from those of every shape of the model.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    measurement : Measurement
-    density : PosteriorDensity
-        With the error of the half width in that of the lengths.
-    nodes : Nodes
-        Of the model, next to every shape.
-
-    Raises
-    ------
-    NoShapeError
-    """
+    """Refuse lengths that lie far from those of every shape of the model."""
     distance = density.likelihood.distance(nodes.model)
     nearest = int(np.nanargmin(distance))
     if distance[nearest] <= FARTHEST:
@@ -258,12 +203,7 @@ def check_shape(model: ForwardModel, measurement: Measurement, density: Posterio
 
 
 def log_density_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> Floats:
-    """Return the log of the posterior density at nodes; refuse priors that hold no shape with the measured lengths.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return the log of the posterior density at nodes; refuse priors that hold no shape with the measured lengths."""
     at = nodes.model, nodes.log_ca, nodes.size
     of_lengths = density.log_density(*at)
     both = np.asarray(of_lengths + density.log_share(*at))
@@ -306,10 +246,8 @@ def _log_density(table: CoarseTable, density: PosteriorDensity) -> Floats:
 
 
 def _over(likely: Booleans, first: Window, window: Window) -> Booleans:
-    """Return the cells of a window whose middles lie in the likely cells of the first one : (i, j) array.
-
-    `likely` has one more cell on each side, for what lies beyond.
-    """
+    """Return the cells of a window whose middles lie in the likely cells of the first one : (i, j) array."""
+    # `likely` has one more cell on each side, for what lies beyond.
     rows, columns = (
         np.clip((axis - low) / step + 1.0, 0.0, count + 1.0).astype(int)
         for axis, low, step, count in zip(window.axes, first.low, first.step, first.shape, strict=True)

@@ -25,12 +25,10 @@ from capsbayes.status import Status
 #
 # The p-value of a number is the probability that it lies as far out on its side of the distribution that is predicted
 # for it, or on the other side. Each number is predicted from those before it, and from the priors: L_z from the
-# velocity,
-# L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that the
-# p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the
-# prior
-# as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the mean
-# velocity is flat, and nothing before it predicts it. Where the velocity was not measured, the flow rate takes its
+# velocity, L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that
+# the p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the
+# prior as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the
+# mean velocity is flat, and nothing before it predicts it. Where the velocity was not measured, the flow rate takes its
 # place
 
 PREDICTED = ("axial_extent", "axial_length", "flow_rate")
@@ -125,15 +123,7 @@ _STATUSES = (
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    """Return the shares of a posterior next to the border of the model, next to the ends of the prior, and at caveats.
-
-    Parameters
-    ----------
-    draws : mapping of arrays
-        Every quantity by name, SI.
-    model : ForwardModel
-    prior : Prior
-    """
+    """Return the shares of a posterior next to the border of the model and the ends of the priors, and at caveats."""
     place = ("capillary_number", "size_ratio")
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(model.coordinates))}
     drawn = {name: np.ravel(draws[name]) for name in (*place, *model.coordinates)}
@@ -165,11 +155,9 @@ def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float
 
 
 def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    """Return the share of a posterior within half a standard deviation of the ends of each further coordinate's range.
-
-    Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
-    inflation, is where most membranes are, and none that cuts the posterior.
-    """
+    """Return the share of a posterior within half a standard deviation of the ends of each coordinate's range."""
+    # Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
+    # inflation, is where most membranes are, and none that cuts the posterior.
     shares = {}
     for name, ends in model.coordinates.items():
         known, drawn = prior.uncertain.get(name), np.ravel(draws[name])
@@ -192,27 +180,7 @@ def leaning(  # type: ignore[no-untyped-def]
     held: Sequence[str] = (),
     weights: Floats | None = None,
 ) -> float:
-    """Return the share of a posterior within half a standard deviation of a border.
-
-    Parameters
-    ----------
-    draws : mapping of arrays
-        Positive quantities.
-    names : sequence of str
-        Those in which the border lies.
-    contains : callable
-        From one array for each name to the points that are within : bool array.
-    held : sequence of str
-        Further quantities that it takes, which are not moved; the steps are those of the others given these.
-    weights : (n,) array, optional
-        Probabilities of the draws, if these are not equally likely; then nothing is held.
-
-    Returns
-    -------
-    float
-        Share of the draws that some step along a principal axis of their
-        logarithms takes beyond the border.
-    """
+    """Return the share of a posterior within half a standard deviation of a border."""
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
     every = slice(None, None, max(1, logs.shape[1] // 4000) if weights is None else 1)
     logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
@@ -243,11 +211,9 @@ def verdict(
     misfits: Sequence[Misfit] = (),
     unresolved: Status = Status.GRID_TOO_COARSE,
 ) -> Status:
-    """Return the status of a posterior: first what makes the intervals wrong, then what makes them those of a border.
-
-    `misfits` are the gates on the measurement, the gravest first; `unresolved` is that of an exact posterior whose own
-    gates failed.
-    """
+    """Return the status of a posterior: what makes the intervals wrong, then what makes them those of a border."""
+    # `misfits` are the gates on the measurement, the gravest first; `unresolved` is that of an exact posterior whose
+    # own gates failed.
     failed = next((misfit.status for misfit in misfits if not misfit.gate.passed), None)
     if failed not in (None, Status.INERTIA):
         return failed
@@ -259,10 +225,8 @@ def verdict(
 
 
 def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat.
-
-    The ends of the ranges of further coordinates are a border of the model where a posterior lies next to several.
-    """
+    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat."""
+    # The ends of the ranges of further coordinates are a border of the model where a posterior lies next to several.
     of_ranges = sorted((share for name, share in leans.items() if name.startswith(RANGE)), reverse=True)
     of_model = max([leans["model"], *of_ranges[_SEVERAL - 1 : _SEVERAL]])
     of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))
