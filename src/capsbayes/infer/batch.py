@@ -91,16 +91,13 @@ class Run:
     by_hand: Any = None  # what is stated of the pictures
 
     @cached_property
-    def _engines(self) -> dict[bool, ExactEngine]:
-        return {}
+    def _engine(self) -> ExactEngine:
+        assert self.experiment is not None
+        return exact_engine(self.model, self.experiment, self.prior)
 
-    def engine(self, experiment: Experiment, *, outline: bool) -> ExactEngine:
-        """Return the engine for measurements with or without an outline; that of the experiment of the run is kept."""
-        if self.experiment is None:
-            return exact_engine(self.model, experiment, self.prior, outline=outline)
-        if outline not in self._engines:
-            self._engines[outline] = exact_engine(self.model, self.experiment, self.prior, outline=outline)
-        return self._engines[outline]
+    def engine(self, experiment: Experiment) -> ExactEngine:
+        """Return the engine for an experiment; that of the run is kept."""
+        return exact_engine(self.model, experiment, self.prior) if self.experiment is None else self._engine
 
     @cached_property
     def fingerprint(self) -> str:
@@ -148,7 +145,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
 def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
     own, seen = run.experiment_of(measurement), measurement.outline
     check_applies(run.model, measurement, own)
-    engine = run.engine(own, outline=seen is not None)
+    engine = run.engine(own)
     posterior = engine(measurement, inputs=Inputs.of(measurement, own))
     grid = posterior if isinstance(posterior, GridPosterior) and posterior.half_width is None else None
     if grid is None or grid.cut or seen is not None:

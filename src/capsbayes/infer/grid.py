@@ -345,7 +345,6 @@ class GridPosterior(NodePosterior):
     nodes: Nodes  # of the cells that are visited and of their pieces
     half_width: Floats | None  # (k,) [m]: nodes of l, where it is a dimension
     free: Floats  # (k or 1, n): probabilities over the largest, before the ranges of G_s and a cut
-    log_scale: float  # log density of the likeliest
     share: Floats | float  # probability that G_s and a lie within their ranges there
     gates: tuple[Gate, ...]
 
@@ -405,12 +404,6 @@ class GridPosterior(NodePosterior):
             return -nodes.log_ca - log_ratio, velocity.variance + variance, velocity.mean
         (change, *_), (spread, *_) = given_flow(log_ratio, variance, flow)
         return -nodes.log_ca - log_ratio + change, float(spread), density.capsule_velocity.mean
-
-    @cached_property
-    def log_evidence(self) -> float:
-        """Log of the integral of the posterior density over (log Ca, a/l), up to a constant of the measurement."""
-        with np.errstate(divide="ignore"):
-            return float(np.log(np.sum(self.free * self.share) * np.prod(self.window.step)) + self.log_scale)
 
     @cached_property
     def cut(self) -> bool:

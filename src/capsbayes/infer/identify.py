@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,7 +21,6 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import ExactEngine, WeightedPosterior, engine_near, exact_engine
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
-from capsbayes.infer.mixed import MixedPosterior
 from capsbayes.infer.outline import (
     OutlineLikelihood,
     TabulatedOutline,
@@ -319,8 +318,6 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
         shares["capsule_velocity"] = (1.0 - own - by_rate) ** 2 * flow.velocity / total
         shares["flow_rate"] = by_rate**2 * flow.rate / total
         shares["half_width"] = (own - 2.0 * by_rate) ** 2 * width / total
-    if isinstance(posterior, MixedPosterior):
-        shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
     if isinstance(posterior, WeightedPosterior):
         for coordinate in density.coordinates:
             shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
@@ -377,11 +374,9 @@ ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
 _WALKERS_ON_SHEET = 256  # of an ensemble: many points at once cost little more than few
-_TRIED, _TABLE_ERROR, _BEYOND = (
-    500,
-    0.02,
-    4,
-)  # draws at which the table of log densities is tested, its largest error, nodes beyond the grid
+_TRIED = 500  # draws at which the table of log densities is tested
+_TABLE_ERROR = 0.02  # of that table, at most: a tenth of what moves an end of an interval
+_BEYOND = 4  # nodes of that table beyond the grid, where walkers start
 
 
 @checked
@@ -448,12 +443,11 @@ def identify(
     if membrane is not None:
         model, prior = membrane.applied(model, prior or Prior())
     check_applies(model, measurement, experiment, viscosity_needed=False)
-    if engine is None:
-        in_minutes = len(model.coordinates) > (measurement.outline is None)
-        engine = "quadrature" if in_minutes and effort is None else "emcee"
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
-        quadrature = exact_engine(model, experiment, prior, outline=measurement.outline is not None)
+        quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
+        if engine is None:
+            engine = "quadrature" if _has_many_unknowns(grid) and effort is None else "emcee"
         misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
         if not all(misfit.gate.passed for misfit in misfits):
             engine = "quadrature"  # nobody may use these intervals: the time of chains is saved
@@ -509,9 +503,14 @@ def check_applies(
         check_view_of(model, measurement.outline, measurement.source or "measurement")
 
 
+def _has_many_unknowns(grid: ExactPosterior) -> TypeGuard[WeightedPosterior]:
+    """Return whether chains take minutes: of several further coordinates, or of one and an outline."""
+    return isinstance(grid, WeightedPosterior) and len(grid.density.coordinates) > (grid.density.outline is None)
+
+
 def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, experiment: Experiment) -> float | None:
     """Return the standard deviation of ln G_s at the likeliest values of several further coordinates."""
-    if not isinstance(grid, WeightedPosterior):
+    if not _has_many_unknowns(grid):
         return None
     density, likeliest = grid.density, grid.likeliest
     known = grid.forward.fixed(**{coordinate.name: likeliest[coordinate.name] for coordinate in density.coordinates})
@@ -521,7 +520,7 @@ def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, exp
 
 
 def _expected(grid: ExactPosterior, measurement: Measurement) -> dict[str, float]:
-    if not isinstance(grid, WeightedPosterior) or grid.density.inputs.viscous_tension:
+    if not _has_many_unknowns(grid) or grid.density.inputs.viscous_tension:
         return {}  # another flow rate, which is among what may be measured, needs a velocity
     return expected_log_modulus_sds(grid, measurement)
 
@@ -545,7 +544,7 @@ def _named_as_given(draws: dict[str, Floats], grid: ExactPosterior) -> dict[str,
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
     density, table_gates = _tabulated(grid)
-    on_sheet = SheetDensity(grid) if isinstance(grid, WeightedPosterior) else None
+    on_sheet = SheetDensity(grid) if _has_many_unknowns(grid) else None
     log_density = on_sheet or LogDensity(grid.forward, density)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
 

@@ -1,4 +1,4 @@
-"""The exact engine for a model with several further coordinates: importance sampling from a fitted mixture."""
+"""The exact engine for a model with further coordinates: importance sampling from a fitted mixture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import ExactPosterior, NodePosterior, Nodes
 from capsbayes.infer.likelihood import ModelAtPoints
-from capsbayes.infer.mixed import MixedQuadrature
 from capsbayes.infer.outline import outline_likelihood
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Marginal, Prior
 from capsbayes.infer.proposal import (
@@ -43,7 +42,7 @@ from capsbayes.status import Status
 
 @dataclass(frozen=True, eq=False)
 class WeightedPosterior(NodePosterior):
-    """Posterior of one capsule over (log Ca, a/l) and several further coordinates."""
+    """Posterior of one capsule over (log Ca, a/l) and further coordinates."""
 
     forward: ForwardModel
     density: PosteriorDensity
@@ -168,7 +167,7 @@ class WeightedPosterior(NodePosterior):
         return Marginal(mean, sd, *np.interp(Marginal.LEVELS, middles, values[order]).tolist())
 
 
-# The exact engine for a model with several further coordinates: a mixture fitted to the posterior, drawn and weighted.
+# The engine: a mixture fitted to the posterior, drawn and weighted.
 #
 # A cloud over the whole prior is weighted by a power of the posterior that keeps enough of its points alive, a mixture
 # is fitted to them and drawn from, and so on until the power is one. The draws are a quasi-random sequence, so that
@@ -215,7 +214,7 @@ class Cloud:
 
 
 class ImportanceSampling:
-    """Engine for many capsules of one experiment and one model with several further coordinates."""
+    """Engine for many capsules of one experiment and one model with further coordinates."""
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment = model, experiment
@@ -421,21 +420,16 @@ def _spread(weights: Floats) -> Integers:
     return np.searchsorted(np.cumsum(weights), shares * weights.sum())
 
 
-# The engine whose posterior needs no chains: by the number of further coordinates of the model
+# The engine whose posterior needs no chains
 
-ExactEngine = Quadrature | MixedQuadrature | ImportanceSampling
+ExactEngine = Quadrature | ImportanceSampling
 
 
-def exact_engine(
-    model: ForwardModel, experiment: Experiment, prior: Prior | None = None, *, outline: bool = False
-) -> ExactEngine:
-    """Return a `Quadrature`, for a model with one further coordinate a mixture, with several `ImportanceSampling`."""
-    # The last is also for measurements with an outline and one coordinate: an outline is worth so much that a mixture
-    # needs a hundred cells, each with a grid of its own. And a thickness of the membrane ties a coordinate to the
-    # radius, which only the last can do.
+def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> ExactEngine:
+    """Return the grid engine, or importance sampling for a model with further coordinates."""
     prior = (prior or Prior()).with_thickness(experiment)
-    kinds = Quadrature, ImportanceSampling if outline else MixedQuadrature, ImportanceSampling
-    return kinds[2 if THICKNESS in prior.coordinates else min(len(model.coordinates), 2)](model, experiment, prior)
+    engine = ImportanceSampling if model.coordinates else Quadrature
+    return engine(model, experiment, prior)
 
 
 def engine_near(engine: ExactEngine, posterior: ExactPosterior) -> Callable[..., ExactPosterior]:

@@ -6,7 +6,6 @@ The functions are compiled, for loops over many capsules; the methods of `LogGri
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.quantity import Quantity
 
 CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far below the printed digits
-_COARSEST = 4.0  # cells in a standard deviation of factors that many capsules have each for themselves
+_COARSEST = 4.0  # cells in a standard deviation of a normal factor
 _NODES = 8.0  # cells in a standard deviation of weighted nodes
 _REACH = 8.0  # standard deviations on either side
 _LEVELS = Marginal.LEVELS
@@ -63,20 +62,6 @@ class LogGrid(NamedTuple):
     def normal(cls, variance: float) -> LogGrid:
         """Return a factor about one whose logarithm is normal."""
         return lognormal(float(variance), float(np.sqrt(max(variance, 0.0))) / CELLS_PER_SD)
-
-    @classmethod
-    def mixed(cls, parts: Sequence[LogGrid], weights: Floats) -> LogGrid:
-        """Return the mixture of several distributions."""
-        if len(parts) == 1:
-            return parts[0]
-        means = np.array([part.mean for part in parts])
-        mean = float(np.sum(weights * means))
-        variance = float(np.sum(weights * (np.array([part.variance for part in parts]) + (means - mean) ** 2)))
-        steps = [part.step for part in parts if len(part.masses) > 1]
-        logs = np.concatenate([part.logs for part in parts])
-        masses = np.concatenate([weight * part.masses for weight, part in zip(weights, parts, strict=True)])
-        grid = binned(logs, masses, float(max(steps, default=np.sqrt(variance) / CELLS_PER_SD)))
-        return grid._replace(mean=mean, variance=variance)
 
     @property
     def logs(self) -> Floats:
@@ -183,31 +168,6 @@ def _deposited(
 
 
 @compiled
-def positive_normal(centre: float, error: float, power: float, step: float) -> LogGrid:
-    """Lay a normal x cut at zero, its density times x^power, on a grid of log x.
-
-    Parameters
-    ----------
-    centre, error : float
-        Of the normal; an error of zero is a known number.
-    power : float
-    step : float
-        Largest step of the grid; a narrower distribution has a smaller one.
-    """
-    if error == 0.0:
-        return LogGrid(np.log(centre), step, np.ones(1), np.log(centre), 0.0)
-    own = min(step, error / centre / _COARSEST)
-    low = np.log(max(centre - _REACH * error, 1e-4 * centre))
-    masses = np.empty(int(np.ceil((np.log(centre + _REACH * error) - low) / own)) + 1)
-    for k in range(len(masses)):
-        log = low + own * k
-        masses[k] = np.exp(-0.5 * ((np.exp(log) - centre) / error) ** 2 + (power + 1.0) * log)
-    masses /= masses.sum()
-    mean, variance = _moments_on_grid(low, own, masses)
-    return LogGrid(low, own, masses, mean, variance)
-
-
-@compiled
 def lognormal(variance: float, step: float) -> LogGrid:
     """Lay a factor about one whose logarithm is normal on a grid of this step, or of a smaller one if it is narrow."""
     if variance <= 0.0:
@@ -225,23 +185,6 @@ def lognormal(variance: float, step: float) -> LogGrid:
 def scaled(grid: LogGrid, log: float) -> LogGrid:
     """Multiply by a known factor, whose logarithm is given."""
     return LogGrid(grid.start + log, grid.step, grid.masses, grid.mean + log, grid.variance)
-
-
-@compiled
-def inverse(grid: LogGrid) -> LogGrid:
-    """Return the distribution of 1/x."""
-    end = grid.start + grid.step * (len(grid.masses) - 1)
-    return LogGrid(-end, grid.step, grid.masses[::-1].copy(), -grid.mean, grid.variance)
-
-
-@compiled
-def share_between(grid: LogGrid, low: float, high: float) -> float:
-    """Return the probability that log x lies between two values, by whole points of the grid."""
-    share = 0.0
-    for k in range(len(grid.masses)):
-        if low <= grid.start + grid.step * k <= high:
-            share += grid.masses[k]
-    return share
 
 
 @compiled

@@ -64,8 +64,7 @@ class Predictive:
 
     @cached_property
     def _density(self) -> PosteriorDensity:
-        engine = exact_engine(self.model, self.experiment, self.prior, outline=self.measurement.outline is not None)
-        return engine(self.measurement).density
+        return exact_engine(self.model, self.experiment, self.prior)(self.measurement).density
 
     @cached_property
     def _points(self) -> ModelAtPoints:

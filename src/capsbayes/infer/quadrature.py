@@ -153,8 +153,7 @@ class Quadrature:
         log_density = density.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
             log_density = log_density + np.log(widths[1])[:, None]
-        log_scale = float(np.nanmax(log_density))
-        free = np.exp(log_density - log_scale)
+        free = np.exp(log_density - np.nanmax(log_density))
         free[np.isnan(free)] = 0.0  # nan_to_num takes five times as long
         free = free * nodes.side**2
         share = np.nan_to_num(np.exp(density.log_share(points, nodes.log_ca, nodes.size, half_width)))
@@ -165,7 +164,6 @@ class Quadrature:
             nodes,
             None if widths is None else widths[0],
             free.reshape(-1, len(nodes.size)),
-            log_scale,
             share,
             (),
         )
