@@ -261,13 +261,11 @@ class Lengths(ShapeModel):
     """Shapes as their lengths L_z and L_a."""
 
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        """Return the shapes at n points."""
         seen = self.model(theta)
         numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
         return _shapes(seen, numbers, seen.covariance[:, :2, :2])
 
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        """Return the shapes at n points, and how they change."""
         seen, _, changes = self.model.with_changes(theta, moved, outline=False)
         numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
         shapes = _shapes(seen, numbers, seen.covariance[:, :0, :0])
@@ -278,12 +276,10 @@ class Outlines(ShapeModel):
     """Shapes as the coefficients of the modes of their outlines, and L_a."""
 
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        """Return the shapes at n points."""
         seen, coefficients, covariances = self.model.with_coefficients(theta, errors=errors)
         return _shapes(seen, np.column_stack([coefficients, seen.axial_length]), covariances)
 
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        """Return the shapes at n points, and how they change."""
         seen, coefficients, changes = self.model.with_changes(theta, moved, outline=True)
         shapes = _shapes(seen, np.column_stack([coefficients, seen.axial_length]), seen.covariance[:, :0, :0])
         numbers = np.concatenate([changes[..., 4:], changes[..., 1:2]], axis=-1)

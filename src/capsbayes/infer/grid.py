@@ -273,11 +273,9 @@ class NodePosterior(ExactPosterior):
         }
 
     def is_exact(self, name: str) -> bool:
-        """See `ExactPosterior`."""
         return not self.cut or name in self._node_logs
 
     def distribution(self, name: str) -> LogGrid:
-        """See `ExactPosterior`."""
         density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])
@@ -414,7 +412,6 @@ class GridPosterior(NodePosterior):
         return bool(share.min() < 1.0 - 1e-6)
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """See `ExactPosterior`."""
         width, node = np.unravel_index(
             rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
         )

@@ -69,30 +69,25 @@ class WeightedPosterior(NodePosterior):
 
     @cached_property
     def cut(self) -> bool:
-        """See `NodePosterior`."""
         if self.density.prior.is_general:
             return True
         place = self.nodes.model, self.nodes.log_ca, self.nodes.size, self._theta.get("half_width")
         return bool(np.min(self.density.log_share(*place)) < -1e-6)
 
     def marginal(self, name: str) -> Marginal:
-        """See `ExactPosterior`."""
         return self._summary(self._theta[name]) if name in self._own else super().marginal(name)
 
     def log_marginal(self, name: str) -> Marginal:
-        """See `ExactPosterior`; of a coordinate, which may vanish, the summary of itself."""
         if name in self._coordinates:
             return self._summary(self._theta[name])
         return self._summary(np.log(self._theta[name])) if name in self._own else super().log_marginal(name)
 
     def probability_below(self, name: str, value: float) -> float:
-        """See `ExactPosterior`."""
         if name in self._own:
             return float(self.weights @ (self._theta[name] <= value))
         return super().probability_below(name, value)
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """See `ExactPosterior`; a point comes as often as its weight says, give or take one."""
         rows = self.resampled(rng, count)
         names = ("capillary_number", "size_ratio", *self._coordinates)
         width = ("half_width",) if "half_width" in self._theta else ()
@@ -152,7 +147,6 @@ class WeightedPosterior(NodePosterior):
 
     @property
     def kept(self) -> tuple[Floats, Nodes, Floats | None]:
-        """See `NodePosterior`."""
         return self.weights, self.nodes, self._theta.get("half_width")
 
     @property
@@ -181,8 +175,15 @@ _ALIVE = 0.1  # share of effective draws to which a mixture is fitted
 _GAIN = 1.15  # of the share of effective draws by a round that leads to another one
 _FITS = 0.4  # share of effective draws that suffices
 _SHAPES = 2**13  # draws of what the priors predict
-_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (15_000.0, 2**14, 2**15), (1_500.0, 2**12, 2**14)
-"""Effective draws that are enough, first and most draws."""
+# effective draws that are enough, first and most draws
+_LENGTHS = 10_000.0, 2**13, 2**16
+_ONE_COORDINATE = (
+    40_000.0,
+    2**15,
+    2**18,
+)  # and lengths: an end of an interval may lie on a flat tail
+_OUTLINE = 15_000.0, 2**14, 2**15
+_NEXT = 1_500.0, 2**12, 2**14  # from a posterior that is nearly the same
 _LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
 _REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
@@ -244,7 +245,7 @@ class ImportanceSampling:
         proposal, tried = self._fitted(frame, density, cloud)
         check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
         if measurement.outline is None:
-            return self._finished(frame, density, proposal, _LENGTHS)
+            return self._finished(frame, density, proposal, _LENGTHS if len(self.coordinates) > 1 else _ONE_COORDINATE)
         return self._of_outline(frame, density, (proposal, tried), measurement)
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:

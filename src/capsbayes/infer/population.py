@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,25 +132,14 @@ class CapsuleRows:
         return len(self.name)
 
     @classmethod
-    def empty(cls, name: Strings, source: Strings, sha256: Strings, numbers: Floats) -> CapsuleRows:
+    def empty(cls, names: Sequence[str], sources: Sequence[str], numbers: Floats | None = None) -> CapsuleRows:
         """Return rows without results, to be filled."""
-        count = len(name)
-        blank = np.full(count, "", dtype=object)
-        return cls(
-            name,
-            source,
-            sha256,
-            blank,
-            blank.copy(),
-            blank.copy(),
-            numbers,
-            np.full((count, len(REPORTED), 7), np.nan),
-            np.full(count, np.nan),
-            np.full((count, len(LEANINGS)), np.nan),
-            np.full((count, len(PREDICTED)), np.nan),
-            np.full(count, np.nan),
-            np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32),
-        )
+        count = len(names)
+        texts = [np.array(each, dtype=object) for each in (names, sources, *[[""] * count] * 4)]
+        none = [np.full((count, *shape), np.nan) for shape in ((len(REPORTED), 7), (), (len(LEANINGS),))]
+        none += [np.full((count, len(PREDICTED)), np.nan), np.full(count, np.nan)]
+        numbers = np.full((count, len(NUMBERS)), np.nan) if numbers is None else numbers
+        return cls(*texts, numbers, *none, np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32))
 
     def refuse(self, row: int, status: Status, reason: str) -> None:
         """Set status and reason of a row, and clear what an engine may have found for it under another prior."""

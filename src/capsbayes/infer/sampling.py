@@ -16,6 +16,7 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.importance import WeightedPosterior
 from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.infer.proposal import normalised, tempering
 from capsbayes.model import ForwardModel
 from capsbayes.run import step_of
 
@@ -213,10 +214,8 @@ def starting_points(
         if np.count_nonzero(alive) < 4:
             raise ValueError("no point of the model's domain has a finite posterior density")
         cloud, values = cloud[alive], values[alive]
-        power = _power_that_keeps(values, min(_ALIVE, len(values) // 2))
-        weights = np.exp(power * (values - values.max()))
-        weights /= weights.sum()
-        kept = cloud[rng.choice(len(cloud), size=_CLOUD, p=weights)]
+        power = tempering(values, min(_ALIVE, len(values) // 2))
+        kept = cloud[rng.choice(len(cloud), size=_CLOUD, p=normalised(power * values))]
         if power == 1.0:
             break
         cloud = _jittered(kept, rng, 0.4)
@@ -229,22 +228,6 @@ def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
     columns += [each.values(rng.uniform(size=_CLOUD)) for each in log_density.density.coordinates]
     columns += [getattr(log_density.density, name).drawn(rng, _CLOUD) for name in log_density.sampled]
     return np.stack(columns, axis=1)
-
-
-def _power_that_keeps(values: Floats, count: int) -> float:
-    """Return the largest power, at most one, at which the weights have an effective number of `count` points."""
-
-    def worth(power: float) -> float:
-        weights = np.exp(power * (values - values.max()))
-        return float(weights.sum() ** 2 / (weights @ weights))
-
-    if worth(1.0) >= count:
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if worth(middle) >= count else (low, middle)
-    return low
 
 
 def _jittered(points: Floats, rng: np.random.Generator, factor: float) -> Floats:
@@ -438,12 +421,10 @@ class SheetDensity(LogDensity):
         self.posterior = posterior
 
     def __call__(self, coordinates: Floats) -> Floats:
-        """Return the log density : (n, d) -> (n,) array, -inf where the density vanishes or is not a number."""
         points = self.posterior.proposal.sheet.raised(coordinates)
         return self.posterior.frame.evaluated(self.model, self.density, points)[1]
 
     def unfolded(self, coordinates: Floats) -> Floats:
-        """Return log Ca, a/l, the further coordinates and l of points (..., d) relative to the sheet."""
         flat = coordinates.reshape(-1, coordinates.shape[-1])
         theta = self.posterior.frame.theta(self.posterior.proposal.sheet.raised(flat))
         theta["capillary_number"] = np.log(theta["capillary_number"])
