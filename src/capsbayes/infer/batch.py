@@ -61,9 +61,7 @@ from capsbayes.measurement_sets import (
     opened,
     read_set,
 )
-from capsbayes.measurement_sets import (
-    NUMBERS as MEASURED,
-)
+from capsbayes.measurement_sets import NUMBERS as MEASURED
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Given, Quantity
 from capsbayes.run import Store, check_parts, digest_of, only_run, progress_bar, run_tasks, steps_kept

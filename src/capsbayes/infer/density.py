@@ -19,7 +19,7 @@ predicted. The powers above are then (Ca A)^-g, Q^g p(Q) and l^(k - 2g) p(l).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -239,23 +239,20 @@ class PosteriorDensity:
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
         unconditioned = draws["velocity_ratio"]
         draws = self._given_flow(rng, draws, model, width)
-        out = np.flatnonzero(~self._in_range(draws, self._ratio_of_prior(draws, model)))
-        for tries in 2 ** np.arange(_ROUNDS):
-            if not out.size or out.size * tries > _MOST_TRIES:
-                break
-            row = np.repeat(out, tries)
-            again = {name: draws[name][row] for name in ("capillary_number", "size_ratio", "half_width")}
-            again |= {"velocity_ratio": unconditioned[row]}
-            again |= {name: masses.drawn(rng, row.size) for name, masses in free.items()}
-            if self.flow_rate is not None:
-                again = self._given_flow(rng, again, model.taken(row), None if width is None else width[row])
-            good = np.flatnonzero(self._in_range(again, self._ratio_of_prior(again, model.taken(row))))
-            first = np.flatnonzero(np.diff(row[good], prepend=-1))  # the rows are in order
-            found = row[good[first]]
-            for name in (*free, "velocity_ratio"):
-                draws[name][found] = again[name][good[first]]
-            out = out[~np.isin(out, found, assume_unique=True)]
-        self._weigh(rng, draws, model, width, out)
+
+        def redrawn(rows: Integers) -> dict[str, Floats]:
+            again = {name: draws[name][rows] for name in ("capillary_number", "size_ratio", "half_width")}
+            again |= {"velocity_ratio": unconditioned[rows]}
+            again |= {name: masses.drawn(rng, rows.size) for name, masses in free.items()}
+            if self.flow_rate is None:
+                return again
+            return self._given_flow(rng, again, model.taken(rows), None if width is None else width[rows])
+
+        def accepted(again: Mapping[str, Floats], rows: Integers) -> Booleans:
+            return self._in_range(again, self._ratio_of_prior(again, model.taken(rows)))
+
+        outside = np.flatnonzero(~self._in_range(draws, self._ratio_of_prior(draws, model)))
+        self._weigh(rng, draws, model, width, rejection_sample(draws, outside, redrawn, accepted))
         derived = _derived(draws)
         if self.by_thickness:
             derived[THICKNESS] = membrane_thickness(
@@ -322,6 +319,26 @@ class PosteriorDensity:
         modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
         return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
+
+
+def rejection_sample(
+    draws: Mapping[str, Floats],
+    rows: Integers,
+    redrawn: Callable[[Integers], Mapping[str, Floats]],
+    accepted: Callable[[Mapping[str, Floats], Integers], Booleans],
+) -> Integers:
+    """Draw some rows of draws anew in place, in each round twice as often, until accepted; return the rows left."""
+    for tries in 2 ** np.arange(_ROUNDS):
+        if not rows.size or rows.size * tries > _MOST_TRIES:
+            break
+        tried = np.repeat(rows, tries)
+        again = redrawn(tried)
+        good = np.flatnonzero(accepted(again, tried))
+        done, first = np.unique(tried[good], return_index=True)
+        for name, values in again.items():
+            draws[name][done] = values[good[first]]
+        rows = np.setdiff1d(rows, done, assume_unique=True)
+    return rows
 
 
 def _derived(draws: dict[str, Floats]) -> dict[str, Floats]:

@@ -80,10 +80,7 @@ class Window:
     @property
     def step(self) -> tuple[float, float]:
         """Size of a cell."""
-        return (
-            (self.high[0] - self.low[0]) / self.shape[0],
-            (self.high[1] - self.low[1]) / self.shape[1],
-        )
+        return ((self.high[0] - self.low[0]) / self.shape[0], (self.high[1] - self.low[1]) / self.shape[1])
 
     @property
     def axes(self) -> tuple[Floats, Floats]:

@@ -34,7 +34,6 @@ from capsbayes.infer.selection import (
     log_prior_of_freedom,
 )
 from capsbayes.model import ForwardModel
-from capsbayes.parameters import PARAMETERS as QUANTITIES
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
@@ -411,14 +410,8 @@ class Hierarchy(Readable):
 
     def described(self) -> dict[str, str]:
         """Return the medians and 95 % intervals in display units."""
-        found = {"capsules": str(self.capsules)}
-        for name, marginal in self.marginals.items():
-            known = QUANTITIES[name]
-            low, middle, high = (
-                known.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
-            )
-            found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
-        return found | ({} if self.passed else {"gates": "not passed"})
+        intervals = {name: marginal.shown(name) for name, marginal in self.marginals.items()}
+        return {"capsules": str(self.capsules), **intervals, **({} if self.passed else {"gates": "not passed"})}
 
     @property
     def passed(self) -> bool:
@@ -703,22 +696,20 @@ def _shared(population: Population, experiment: Experiment | None) -> tuple[Quan
 # The spread of G_s in a population with the errors removed: a normal distribution of its logarithm, or a t one
 
 
-@dataclass(frozen=True, eq=False)
 class ModulusSpread:
-    """Distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known."""
+    """Distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
 
-    mean: ArrayLike  # of ln G_s, or draws of it (d,)
-    sd: ArrayLike  # of ln G_s from capsule to capsule, or draws (d,); of heavy tails half the central 68.3 %
-    tails: ScaleMixture | None = None  # of heavy tails, one row a draw
+    `mean` and `sd` are those of ln G_s from capsule to capsule, or draws (d,) of both; of heavy tails `sd` is half the
+    width of the central 68.3 %, and `tails` has one row a draw.
+    """
 
-    def __post_init__(self) -> None:
-        mean, sd = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (self.mean, self.sd))
-        if mean.ndim != 1 or mean.shape != sd.shape:
-            raise InputError("ModulusSpread", "mean, sd", "arrays of one length", f"{mean.shape} and {sd.shape}")
-        if not (np.isfinite(mean).all() and np.isfinite(sd).all() and (sd > 0.0).all()):
+    def __init__(self, mean: ArrayLike, sd: ArrayLike, tails: ScaleMixture | None = None) -> None:
+        means, sds = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (mean, sd))
+        if means.ndim != 1 or means.shape != sds.shape:
+            raise InputError("ModulusSpread", "mean, sd", "arrays of one length", f"{means.shape} and {sds.shape}")
+        if not (np.isfinite(means).all() and np.isfinite(sds).all() and (sds > 0.0).all()):
             raise InputError("ModulusSpread", "mean, sd", "finite numbers, standard deviations above zero", "others")
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "sd", sd)
+        self.mean, self.sd, self.tails = means, sds, tails
 
     @classmethod
     def of_population(cls, population: Population) -> ModulusSpread | None:
@@ -731,8 +722,8 @@ class ModulusSpread:
 
     def density(self, modulus: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return the density of ln G_s at given G_s: median and 95 % band over the draws."""
-        off = np.log(modulus) - np.asarray(self.mean)[:, None]
-        variances, weights = self.tails or ScaleMixture.normal(len(off)).scaled(np.asarray(self.sd))
+        off = np.log(modulus) - self.mean[:, None]
+        variances, weights = self.tails or ScaleMixture.normal(len(off)).scaled(self.sd)
         each = np.zeros_like(off)
         for variance, weight in zip(variances.T[:, :, None], weights.T[:, :, None], strict=True):
             each += weight * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
@@ -742,12 +733,12 @@ class ModulusSpread:
     @property
     def median(self) -> Floats:
         """Median G_s of the capsules, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array [N/m]."""
-        return np.exp(np.quantile(np.asarray(self.mean), [0.5, 0.025, 0.975]))
+        return np.exp(np.quantile(self.mean, [0.5, 0.025, 0.975]))
 
     @property
     def relative(self) -> Floats:
         """Spread of G_s over its median, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array."""
-        return np.quantile(np.asarray(self.sd), [0.5, 0.025, 0.975])
+        return np.quantile(self.sd, [0.5, 0.025, 0.975])
 
 
 def _tails(population: Population) -> ScaleMixture | None:

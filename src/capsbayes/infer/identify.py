@@ -95,9 +95,9 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
     if "bending" in left:
         left[THICKNESS] = narrower(lambda pilot: _log_thickness)
     if measurement.outline is None:
-        left["outline"] = narrower(lambda pilot: _outlines(grid, pilot, OUTLINE_NOISE))
+        left["outline"] = narrower(functools.partial(_outlines, grid, OUTLINE_NOISE))
     for name, factor in FLOWS.items():
-        left[name] = narrower(lambda pilot, factor=factor: _faster(grid, measurement, pilot, factor))  # type: ignore[misc]
+        left[name] = narrower(functools.partial(_faster, grid, measurement, factor))
     sds = {name: float(np.sqrt(max(part, 0.0))) for name, part in left.items() if part < total}
     return dict(sorted(sds.items(), key=lambda item: item[1]))
 
@@ -119,10 +119,7 @@ def _explained(log_modulus: Floats, numbers: Floats) -> float:
 
 
 def _linearised(
-    grid: WeightedPosterior,
-    measurement: Measurement,
-    points: Floats,
-    later: Callable[[Mapping[str, float]], Data],
+    grid: WeightedPosterior, measurement: Measurement, points: Floats, later: Callable[[Mapping[str, float]], Data]
 ) -> float:
     """Return the variance of ln G_s with a later measurement, linearised at points (k, d); NaN if it cannot be."""
     dimensions = points.shape[1]
@@ -144,11 +141,11 @@ def _linearised(
 
 def _present(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float]) -> Data:
     if measurement.outline is not None:
-        return _outlines(grid, pilot, measurement.outline.noise)
+        return _outlines(grid, measurement.outline.noise, pilot)
     return _lengths(grid, pilot)
 
 
-def _faster(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float], factor: float) -> Data:
+def _faster(grid: WeightedPosterior, measurement: Measurement, factor: float, pilot: Mapping[str, float]) -> Data:
     """Return what the same capsules show at another flow rate, measured like the present one."""
     there = {**pilot, "capillary_number": factor * pilot["capillary_number"]}
     seen = _present(grid, measurement, there)
@@ -166,7 +163,7 @@ def _lengths(grid: WeightedPosterior, pilot: Mapping[str, float]) -> Data:
     return lambda theta: np.asarray(np.linalg.solve(root, _shapes(grid, theta).values[:, :count].T).T)
 
 
-def _outlines(grid: WeightedPosterior, pilot: Mapping[str, float], noise: OutlineNoise) -> Data:
+def _outlines(grid: WeightedPosterior, noise: OutlineNoise, pilot: Mapping[str, float]) -> Data:
     """Return outlines with errors, the model's own at a pilot included."""
     model = grid.forward
     there = _shapes(grid, {name: np.array([value]) for name, value in pilot.items()}, outline=True).outline

@@ -177,11 +177,7 @@ _FITS = 0.4  # share of effective draws that suffices
 _SHAPES = 2**13  # draws of what the priors predict
 # effective draws that are enough, first and most draws
 _LENGTHS = 10_000.0, 2**13, 2**16
-_ONE_COORDINATE = (
-    40_000.0,
-    2**15,
-    2**18,
-)  # and lengths: an end of an interval may lie on a flat tail
+_ONE_COORDINATE = (40_000.0, 2**15, 2**18)  # and lengths: an end of an interval may lie on a flat tail
 _OUTLINE = 15_000.0, 2**14, 2**15
 _NEXT = 1_500.0, 2**12, 2**14  # from a posterior that is nearly the same
 _LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -272,12 +273,16 @@ class OutlineLikelihood:
     pose: Pose = field(default_factory=Pose)
     modes: Floats | None = None  # (k, p) [l]: displacements along normals by the model's own error
     length: SilhouetteLength | None = None
-    _aligned: Floats = field(init=False, repr=False)
-    _feet: Footing = field(init=False, repr=False)
-    _factor: Floats = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        aligned, feet = aligned_with(self.points, self.pilot)
+    @cached_property
+    def _stand(self) -> tuple[Floats, Footing]:
+        """The measured points moved onto the pilot, and their nearest places on it."""
+        return aligned_with(self.points, self.pilot)
+
+    @cached_property
+    def _factor(self) -> Floats:
+        """Lower triangular factor of the covariance of the normal distances, and of L_a."""
+        aligned, feet = self._stand
         covariance = self.noise.covariance(self.points)
         spread = self.pose.directions(aligned, feet.normal)
         covariance = covariance + spread @ spread.T
@@ -288,9 +293,7 @@ class OutlineLikelihood:
         covariance[np.diag_indices_from(covariance)] += 1e-8 * self.noise.scale**2
         if self.length is not None:
             covariance = self._bordered(covariance, self.length, int(np.argmax(aligned[:, 0])))
-        object.__setattr__(self, "_aligned", aligned)
-        object.__setattr__(self, "_feet", feet)
-        object.__setattr__(self, "_factor", np.asfortranarray(scipy.linalg.cholesky(covariance, lower=True)))
+        return np.asfortranarray(scipy.linalg.cholesky(covariance, lower=True))
 
     def _of_rear_and_askew(self, feet: Footing) -> Floats:
         """Return what a wide edge of the rear and a capsule askew add to the covariance (m, m)."""
@@ -315,7 +318,7 @@ class OutlineLikelihood:
 
     def whitened(self, outlines: Floats, axial_lengths: Floats | None = None, *, posed: bool = False) -> Floats:
         """Return the differences from predictions as independent numbers, standard normal under a right model."""
-        distances = normal_distances(self._aligned, outlines, posed=posed)
+        distances = normal_distances(self._stand[0], outlines, posed=posed)
         known = np.isfinite(distances[:, 0])
         if self.length is not None:
             assert axial_lengths is not None, "L_a was measured"
@@ -331,27 +334,28 @@ class OutlineLikelihood:
 
     def whitened_displacement(self, displacement: Floats) -> Floats:
         """Return the change of `whitened` if the measured outline lies farther out."""
-        at_points = _at_places(displacement, self._feet.place)
+        aligned, feet = self._stand
+        at_points = _at_places(displacement, feet.place)
         if self.length is not None:
-            at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
+            at_points = np.column_stack([at_points, at_points[:, np.argmax(aligned[:, 0])]])
         return self._independent(at_points)
 
     def whitened_prediction(self, displacements: Floats) -> Floats:
         """Return what `whitened` loses if the vertices of the pilot are displaced by vectors (k, p, 2) [l]."""
         along = np.einsum("kpi,pi->kp", displacements, vertex_normals(self.pilot))
-        at_points = _at_places(along, self._feet.place)
+        at_points = _at_places(along, self._stand[1].place)
         if self.length is not None:
             at_points = np.column_stack([at_points, np.zeros(len(at_points))])
         return self._independent(at_points)
 
     def whitened_shared(self, outline: MeasuredOutline) -> Floats:
         """Return the changes of `whitened` by the errors that one microscope gives the outlines of all capsules."""
-        feet = self._feet
-        each = outline.shared(self._aligned, feet.normal)
+        aligned, feet = self._stand
+        each = outline.shared(aligned, feet.normal)
         back = outline.pose.rear * rear_direction(self.pilot, feet.place, feet.normal)
         each = np.concatenate([each, back[None]])
         if self.length is not None:
-            each = np.column_stack([each, each[:, np.argmax(self._aligned[:, 0])]])
+            each = np.column_stack([each, each[:, np.argmax(aligned[:, 0])]])
         return self._independent(each)
 
     def whitened_length(self) -> Floats:
@@ -432,15 +436,17 @@ class TabulatedOutline:
     log_ca: Floats  # (i,), evenly spaced
     size: Floats  # (j,)
     values: Floats  # (i, j): log density there, NaN outside the model's domain
-    _spline: RectBivariateSpline = field(init=False, repr=False)
-    _sure: Booleans = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _spline(self) -> RectBivariateSpline:
         known = np.isfinite(self.values)
         filled = np.where(known, self.values, np.min(self.values, where=known, initial=0.0))
+        return RectBivariateSpline(self.log_ca, self.size, filled)
+
+    @cached_property
+    def _sure(self) -> Booleans:
         around = np.ones((2 * _AROUND + 1, 2 * _AROUND + 1), dtype=bool)
-        object.__setattr__(self, "_spline", RectBivariateSpline(self.log_ca, self.size, filled))
-        object.__setattr__(self, "_sure", np.pad(binary_erosion(known, around), 1))
+        return np.pad(binary_erosion(np.isfinite(self.values), around), 1)
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
         """Return the log density at n points : (n,) array, NaN outside the domain of the model."""

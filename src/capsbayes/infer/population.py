@@ -198,12 +198,7 @@ _NEEDED = tuple(
 )
 _TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
-_USABLE = (
-    Status.DONE,
-    Status.LEANS_ON_TWO_SHAPES,
-    Status.LEANS_ON_WRINKLES,
-    Status.LEANS_ON_UNSURE_SHAPES,
-)
+_USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES, Status.LEANS_ON_UNSURE_SHAPES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

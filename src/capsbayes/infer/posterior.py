@@ -398,14 +398,9 @@ class Posterior:
         return cls(**read_fields(Path(path)))
 
     def __repr__(self) -> str:
-        said = []
-        for name in ("surface_shear_modulus", "capsule_radius"):
-            parameter, marginal = PARAMETERS[name], self.marginals[name]
-            low, middle, high = (
-                parameter.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
-            )
-            said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
-        return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
+        names = "surface_shear_modulus", "capsule_radius"
+        shown = ", ".join(f"{PARAMETERS[name].symbol} = {self.marginals[name].shown(name)}" for name in names)
+        return f"<Posterior of {self.measurement.source or 'a capsule'}: {shown} (95 %); {self.status.name}>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self).strip("<>"), self.summary())

@@ -63,6 +63,12 @@ class Marginal:
         """Return the fields by name, for files."""
         return asdict(self)
 
+    def shown(self, name: str) -> str:
+        """Return median and 95 % interval in the display unit of a quantity."""
+        known = PARAMETERS[name]
+        low, middle, high = map(known.shown, (self.lower_95, self.median, self.upper_95))
+        return f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
+
 
 # Inputs with an error other than the lengths: viscosity, half width, velocity of the capsule and flow rate
 

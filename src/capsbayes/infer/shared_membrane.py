@@ -57,7 +57,6 @@ from capsbayes.infer.proposal import (
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
-from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.run import digest_of, keeping_steps, run_tasks, step_task
@@ -595,12 +594,8 @@ class SharedMembrane(Readable):
 
     def described(self) -> dict[str, str]:
         """Return medians and 95 % intervals in display units, and the status."""
-        found = {"capsules": str(len(self))}
-        for name, marginal in self.marginals.items():
-            known = PARAMETERS[name]
-            low, middle, high = map(known.shown, (marginal.lower_95, marginal.median, marginal.upper_95))
-            found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
-        return found | {"status": self.status.name}
+        intervals = {name: marginal.shown(name) for name, marginal in self.marginals.items()}
+        return {"capsules": str(len(self)), **intervals, "status": self.status.name}
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""

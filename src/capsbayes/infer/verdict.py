@@ -174,11 +174,7 @@ def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prio
 
 
 def leaning(  # type: ignore[no-untyped-def]
-    draws: Mapping[str, Floats],
-    names: Sequence[str],
-    contains,
-    held: Sequence[str] = (),
-    weights: Floats | None = None,
+    draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = (), weights: Floats | None = None
 ) -> float:
     """Return the share of a posterior within half a standard deviation of a border."""
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
