@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from capsbayes.infer.log_grid import (
-    LogGrid,
-    binned,
-    laid,
-    resampled,
-    scaled,
-)
+from capsbayes.infer.log_grid import LogGrid, binned, laid
 from capsbayes.quantity import Quantity
 
 
@@ -148,7 +142,7 @@ def test_nodes_are_laid_on_eight_cells_in_a_standard_deviation_or_on_their_own_d
 def test_a_known_factor_changes_the_numbers_and_no_probability():
     logs, weights = lognormal(4.0, 0.3)
     one = binned(logs, weights, 0.075)
-    twice = scaled(one, np.log(2.0))
+    twice = one.scaled(np.log(2.0))
     np.testing.assert_allclose(twice.logs, one.logs + np.log(2.0))
     for name, value in one.marginal().as_dict().items():
         assert twice.marginal().as_dict()[name] == pytest.approx(2.0 * value), name
@@ -159,8 +153,8 @@ def test_a_known_factor_changes_the_numbers_and_no_probability():
 
 def test_another_grid_keeps_the_moments():
     one = LogGrid.normal(0.04)
-    np.testing.assert_array_equal(resampled(one, one.step).masses, one.masses)
-    other = resampled(one, 3.0 * one.step)
+    np.testing.assert_array_equal(one.resampled(one.step).masses, one.masses)
+    other = one.resampled(3.0 * one.step)
     assert other.step == 3.0 * one.step
     assert (other.mean, other.variance) == (one.mean, one.variance)
     assert other.masses @ other.logs**2 == pytest.approx(0.04, rel=0.01)

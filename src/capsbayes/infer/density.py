@@ -30,7 +30,7 @@ from scipy.special import logsumexp
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.experiment import capsule_radius, mean_velocity, membrane_thickness, surface_shear_modulus
 from capsbayes.infer.likelihood import Flow, LengthsLikelihood, ModelAtPoints, flow_mismatch, given_flow
-from capsbayes.infer.log_grid import LogGrid, resampled, scaled
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline import AnyOutline
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
@@ -214,8 +214,8 @@ class PosteriorDensity:
         if flow is not None:
             changes, variances = given_flow(_log(model.velocity_ratio), 0.0, flow)
             of_modulus, of_radius = of_modulus + changes[0], of_radius + changes[1]
-            force = self.viscosity.times(scaled(LogGrid.normal(variances[0]), self.capsule_velocity.mean))
-            width = scaled(LogGrid.normal(variances[1]), self.half_width.mean)
+            force = self.viscosity.times(LogGrid.normal(variances[0]).scaled(self.capsule_velocity.mean))
+            width = LogGrid.normal(variances[1]).scaled(self.half_width.mean)
         return (self.prior.surface_shear_modulus, force, of_modulus), (self.prior.capsule_radius, width, of_radius)
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
@@ -358,7 +358,7 @@ def _log(values: Floats) -> Floats:
 
 def _cells(factor: LogGrid) -> tuple[Floats, Floats]:
     """Return the logs of a factor at the cells of a coarser grid that carry it, and the logs of their probabilities."""
-    coarse = resampled(factor, max(factor.step, np.sqrt(factor.variance) / _CELLS_PER_SD))
+    coarse = factor.resampled(max(factor.step, np.sqrt(factor.variance) / _CELLS_PER_SD))
     kept = coarse.masses > _NEGLIGIBLE * coarse.masses.max()
     return coarse.logs[kept], np.log(coarse.masses[kept])
 

@@ -20,7 +20,6 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import COARSE_DROP, CoarseTable, GridPosterior, Nodes, Window
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints, resolution
-from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline import AnyOutline, outline_likelihood
 from capsbayes.infer.prior import Inputs, Prior, check_coordinates
 from capsbayes.measurement import Measurement
@@ -259,7 +258,7 @@ def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
     sd = float(np.sqrt(masses.variance))
     relative_error = np.sqrt(likelihood.zz) / likelihood.extent
     count = int(np.clip(np.ceil(2.0 * _WIDTH_REACH * sd / relative_error), *_WIDTHS))
-    masses = resampled(masses, 2.0 * _WIDTH_REACH * sd / count)
+    masses = masses.resampled(2.0 * _WIDTH_REACH * sd / count)
     kept = masses.masses > 1e-9 * masses.masses.max()
     return np.exp(masses.logs[kept]), masses.masses[kept]
 
