@@ -12,7 +12,7 @@ so the inputs integrate to the probability that G_s and a lie in their ranges,
 a function of one number each, whatever the distributions of the inputs are.
 
 A flow rate Q ties v_o, l and v_o/U together: Q r / (A v_o) = 1 with the area A of the cross-section. With log-normal
-v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `kernel.Flow`.
+v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `Flow`.
 Where v_o was not measured, its variance is infinite: there is no such factor, U = Q / (A l^2), and v_o = U r is
 predicted. The powers above are then (Ca A)^-g, Q^g p(Q) and l^(k - 2g) p(l).
 """
