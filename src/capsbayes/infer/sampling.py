@@ -370,21 +370,13 @@ def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: i
     def run() -> _Stretch:
         import emcee
 
-        kinds, shares = zip(*(moves or [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]), strict=True)
-        rng = np.random.RandomState()
-        rng.set_state(("MT19937", *last[2:6]))
+        usual = [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
+        sampler = emcee.EnsembleSampler(*last.chain[-1].shape, log_density, moves=moves or usual, vectorize=True)
+        start = emcee.State(last.chain[-1], log_prob=last.log_density[-1], random_state=("MT19937", *last[2:6]))
         before = log_density.not_a_number
-        # the loop of emcee's sampler, which checks and copies for longer than the density takes
-        model = emcee.model.Model(log_density, lambda points: (log_density(points), None), map, rng)
-        state = emcee.State(last.chain[-1], log_prob=last.log_density[-1], copy=True)
-        chain, densities = np.empty((todo, *state.coords.shape)), np.empty((todo, len(state.coords)))
-        for step in range(todo):
-            state, _ = rng.choice(kinds, p=shares).propose(model, state)
-            chain[step], densities[step] = state.coords, state.log_prob
+        sampler.run_mcmc(start, todo, skip_initial_state_check=True)
         wrong = log_density.not_a_number - before
-        after: Any = rng.get_state()
-        random: tuple[NDArray[np.uint32], int, int, float] = after[1:]
-        return _Stretch(chain, densities, *random, wrong)
+        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *sampler.random_state[1:], wrong)
 
     return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
 
