@@ -192,20 +192,27 @@ _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer i
 
 
 class ExactPosterior(abc.ABC):
-    """Posterior of one capsule by the exact engine."""
+    """Posterior of one capsule at weighted nodes, with the distributions of what these and independent inputs tell."""
 
     forward: ForwardModel
     density: PosteriorDensity
-    gates: tuple[Gate, ...]
-    unresolved: ClassVar[Status] = Status.GRID_TOO_COARSE
+    gates: tuple[Gate, ...]  # whether it resolves the posterior
+    unresolved: ClassVar[Status] = Status.GRID_TOO_COARSE  # if it does not
 
+    @property
     @abc.abstractmethod
-    def is_exact(self, name: str) -> bool:
-        """Return whether `distribution` holds for a quantity: no prior range cuts it, or the node determines it."""
+    def cut(self) -> bool:
+        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
 
+    @property
     @abc.abstractmethod
-    def distribution(self, name: str) -> LogGrid:
-        """Return the distribution of a quantity as a product of a function of the node and independent inputs."""
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
+
+    @property
+    @abc.abstractmethod
+    def _spacing(self) -> tuple[float, float, float]:
+        """Distance of neighbouring nodes in log Ca, in log(a/l) and in log l; zero if they are scattered."""
 
     @abc.abstractmethod
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
@@ -231,25 +238,6 @@ class ExactPosterior(abc.ABC):
     def _many_draws(self) -> dict[str, Floats]:
         return self.drawn(np.random.default_rng(0), _DRAWS // 5 if self.density.prior.is_general else _DRAWS)
 
-
-class NodePosterior(ExactPosterior):
-    """Posterior at weighted nodes, with the distributions of what the node and independent inputs determine."""
-
-    @property
-    @abc.abstractmethod
-    def cut(self) -> bool:
-        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
-
-    @property
-    @abc.abstractmethod
-    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
-        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
-
-    @property
-    @abc.abstractmethod
-    def _spacing(self) -> tuple[float, float, float]:
-        """Distance of neighbouring nodes in log Ca, in log(a/l) and in log l; zero if they are scattered."""
-
     @cached_property
     def _ratio(self) -> tuple[Floats, float]:
         """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
@@ -270,9 +258,11 @@ class NodePosterior(ExactPosterior):
         }
 
     def is_exact(self, name: str) -> bool:
+        """Return whether `distribution` holds for a quantity: no prior range cuts it, or the node determines it."""
         return not self.cut or name in self._node_logs
 
     def distribution(self, name: str) -> LogGrid:
+        """Return the distribution of a quantity as a product of a function of the node and independent inputs."""
         density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])
@@ -331,7 +321,7 @@ class NodePosterior(ExactPosterior):
 
 
 @dataclass(frozen=True, eq=False)
-class GridPosterior(NodePosterior):
+class GridPosterior(ExactPosterior):
     """Posterior of one capsule on a grid."""
 
     forward: ForwardModel

@@ -14,7 +14,7 @@ from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid import ExactPosterior, NodePosterior, Nodes
+from capsbayes.infer.grid import ExactPosterior, Nodes
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.outline import outline_likelihood
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Marginal, Prior
@@ -41,7 +41,7 @@ from capsbayes.status import Status
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedPosterior(NodePosterior):
+class WeightedPosterior(ExactPosterior):
     """Posterior of one capsule over (log Ca, a/l) and further coordinates."""
 
     forward: ForwardModel

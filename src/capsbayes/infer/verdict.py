@@ -97,7 +97,7 @@ def _of_lengths(engine: ExactEngine, density: PosteriorDensity) -> dict[str, flo
     width = density.inputs.half_width
     seen = density.likelihood.with_half_width(width.value, width.error)
     differences = np.broadcast_arrays(*seen.differences(model))
-    found = p_values_of_lengths(np.exp(logs - logs.max()), *map(np.ascontiguousarray, differences))
+    found = p_values_of_lengths(np.exp(logs - logs.max()), *differences)
     return {name: p for name, p in zip(PREDICTED, found, strict=False) if np.isfinite(p)}
 
 
