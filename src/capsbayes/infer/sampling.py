@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -299,15 +299,7 @@ class Chains:
     def thinned(self) -> Chains:
         """Return the chains thinned so much that consecutive steps are nearly independent."""
         every = max(1, int(self.time / 2.0))
-        return Chains(
-            self.names,
-            self.coordinates[::every],
-            self.log_density[::every],
-            self.time,
-            self.burn_in,
-            self.steps,
-            self.gates,
-        )
+        return replace(self, coordinates=self.coordinates[::every], log_density=self.log_density[::every])
 
 
 def sampled(
