@@ -214,8 +214,7 @@ class StoredTask(abc.ABC):
     """A task whose result is a part of a store."""
 
     store: Store
-    kind: ClassVar[str]
-    """First word of the name of the part."""
+    kind: ClassVar[str]  # first word of the name of the part
 
     @abc.abstractmethod
     def _contents(self) -> Sequence[Any]:
@@ -434,10 +433,8 @@ def measured_file(file: Path, run: Run) -> Measurement:
 
 # The capsules of a run, of a folder, of a table or of a file of outlines, as tasks
 
-ROWS = 250
-"""Of a table in one task: a fraction of a second of work, on the table of the model."""
-_EXACT_ROWS = 8
-"""Of a table or a file of outlines in one task that takes the exact engine: some seconds of work."""
+ROWS = 250  # of a table in one task: a fraction of a second of work, on the table of the model
+_EXACT_ROWS = 8  # of a table or a file of outlines in one task that takes the exact engine: some seconds of work
 
 
 def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> list[RowsTask]:

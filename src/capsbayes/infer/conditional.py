@@ -303,10 +303,8 @@ def _shapes(seen: Prediction, numbers: Floats, covariances: Floats) -> Shapes:
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
 _UNUSUAL = 0.3  # of ln G_s, that a capsule of the lattice may differ by from the others
-OWN_STEPS = (2e-3, 1e-3, 2e-2)
-"""Of ln Ca, a/l and ln(alpha/median), for differences."""
-STEP = 0.02
-"""Of a coordinate's normal score, for differences."""
+OWN_STEPS = (2e-3, 1e-3, 2e-2)  # of ln Ca, a/l and ln(alpha/median), for differences
+STEP = 0.02  # of a coordinate's normal score, for differences
 _LONGEST = np.array([0.5, 0.05, 0.3])  # step
 _ITERATIONS, _SETTLED = 16, 1e-2  # largest decrease of minus twice the log density that is still expected
 _WALKED = 5  # steps that may be needed until the best values are near
@@ -315,8 +313,7 @@ _STALLED = 0.99  # of the decrease expected before, above which steps lead nowhe
 _HELD = 0.3  # standard deviations that are left to go, above which a capsule is held
 _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
-MODULUS, SIZE, SCALE, RATE = range(4)
-"""Columns of what is common."""
+MODULUS, SIZE, SCALE, RATE = range(4)  # columns of what is common
 COMMON = 4
 
 Membranes = Mapping[str, Floats]
@@ -422,38 +419,35 @@ class Capsules:
         """Find the capsules at d membranes, or draw them if a generator is given."""
         d = len(spreads.modulus)
         own, common = self._begin(membranes, spreads.own, start)
-        found = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
+        result = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
-        before, share = np.full(d, np.inf), np.ones(d)
+        before, length = np.full(d, np.inf), np.ones(d)
         for iteration in range(iterations):
             if not len(active):
                 break
-            some = {name: values[active] for name, values in membranes.items()}
-            near = spreads.rows(active)
-            there = self._there(some, own[active])
-            blocks = self._blocks(there, own[active], common[active], near)
+            shapes = self._there(_rows_of(membranes, active), own[active])
+            blocks = self._blocks(shapes, own[active], common[active], spreads.rows(active))
             solved = self._solved(blocks, common[active])
-            done = solved.decrease < _SETTLED
             # at the border of the domain the decrease remains
             stalled = (iteration >= _WALKED) & (solved.decrease > _STALLED * before[active])
-            last = done | stalled | (iteration == iterations - 1)
+            ended = (solved.decrease < _SETTLED) | stalled | (iteration == iterations - 1)
             # where steps go back and forth, as between a convex and a concave rear, shorter ones end
-            share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
-            rows, before[active] = active[last], solved.decrease
-            found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active])[last]
+            length[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * length[active], 1.0)
+            before[active] = solved.decrease
+            result.log_evidence[active[ended]] = self._log_evidence(blocks, solved, common[active])[ended]
             left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
-            found.settled[rows] = np.mean(np.all(left < _HELD, axis=2), axis=1)[last]
-            if rng is not None:
-                steps = self._drawn(blocks, solved, rng)
-                solved = solved._replace(own_step=np.where(last[:, None, None], steps[0], solved.own_step))
-                solved = solved._replace(common_step=np.where(last[:, None], steps[1], solved.common_step))
-            moving = np.ones(len(active), dtype=bool) if rng is not None else ~last
-            some = {name: values[moving] for name, values in some.items()}
-            part = np.where(last, 1.0, share[active])[moving]
-            own[active[moving]] = self.moved(some, own[active[moving]], part[:, None, None] * solved.own_step[moving])
-            common[active[moving]] += part[:, None] * solved.common_step[moving]
-            active = active[~last]
-        return found
+            result.settled[active[ended]] = np.mean(np.all(left < _HELD, axis=2), axis=1)[ended]
+            moving, own_step, common_step = ~ended, solved.own_step, solved.common_step
+            if rng is not None:  # the last step is a draw
+                own_draw, common_draw = self._drawn(blocks, solved, rng)
+                own_step = np.where(ended[:, None, None], own_draw, own_step)
+                common_step = np.where(ended[:, None], common_draw, common_step)
+                moving = np.ones(len(active), dtype=bool)
+            rows, size = active[moving], np.where(ended, 1.0, length[active])[moving]
+            own[rows] = self.moved(_rows_of(membranes, rows), own[rows], size[:, None, None] * own_step[moving])
+            common[rows] += size[:, None] * common_step[moving]
+            active = active[~ended]
+        return result
 
     def _begin(self, membranes: Membranes, width: int, start: Start | None) -> Start:
         """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
@@ -466,8 +460,7 @@ class Capsules:
         begin = Start(start.own.copy(), start.common.copy())
         outside = ~np.all(self.model.contains(membranes, begin.own), axis=1)
         if outside.any():
-            some = {name: values[outside] for name, values in membranes.items()}
-            begin.own[outside], begin.common[outside] = self._begin(some, width, None)
+            begin.own[outside], begin.common[outside] = self._begin(_rows_of(membranes, outside), width, None)
         return begin
 
     def step(
@@ -640,13 +633,16 @@ class Capsules:
         step = step / np.maximum(np.max(np.abs(step) / _LONGEST[: step.shape[-1]], axis=-1, keepdims=True), 1.0)
         rows = np.arange(len(own))  # of the membranes at which a capsule is lost
         for share in (*[0.5] * _HALVINGS, 0.0):
-            some = {name: values[rows] for name, values in membranes.items()}
-            lost = ~self.model.contains(some, own[rows] + step[rows])
+            lost = ~self.model.contains(_rows_of(membranes, rows), own[rows] + step[rows])
             rows, lost = rows[lost.any(axis=1)], lost[lost.any(axis=1)]
             if not len(rows):
                 break
             step[rows] = np.where(lost[..., None], share * step[rows], step[rows])
         return np.asarray(own + step)
+
+
+def _rows_of(membranes: Membranes, rows: Integers | Booleans) -> dict[str, Floats]:
+    return {name: values[rows] for name, values in membranes.items()}
 
 
 def _by_place(shapes: Shapes, own: Floats) -> Shapes:

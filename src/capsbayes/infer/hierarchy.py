@@ -336,8 +336,7 @@ def _kurtoses(values: Floats, own: Floats, parameters: Floats) -> Floats:
 # spread and slope as they are; so does a half width with log a
 
 FEWEST = 3
-PREFIX = "population_"
-"""Of the draws in the file of a population."""
+PREFIX = "population_"  # of the draws in the file of a population
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread

@@ -54,11 +54,9 @@ from capsbayes.surrogate import MembraneSurrogate
 # - the model linearised at single draws, with the normal scores of the priors, has the inverse of the Fisher
 #   information as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
 
-OUTLINE_NOISE = OutlineNoise(0.005, 0.2)
-"""Errors of an outline that is yet to be measured."""
+OUTLINE_NOISE = OutlineNoise(0.005, 0.2)  # errors of an outline that is yet to be measured
 
-THICKNESS_ERROR = 0.2
-"""Relative error of a thickness of the membrane that is yet to be measured."""
+THICKNESS_ERROR = 0.2  # relative error of a thickness of the membrane that is yet to be measured
 
 FLOWS = {"half flow": 0.5, "double flow": 2.0}
 """Flow rates at which the same capsule may be measured again, over the present one."""

@@ -249,7 +249,9 @@ class LengthsLikelihood:
         zz, za, aa = (value / centre**2 for value in (self.zz, self.za, self.aa))
         return LengthsLikelihood(z, a, zz + share * z * z, za + share * z * other, aa + share * other * other, True)
 
-    def differences(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, ...]:
+    def differences(
+        self, model: ModelAtPoints, half_width: ArrayLike = 1.0
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Return measured minus predicted L_z and L_a [l], and their covariance : what `misfits` takes."""
         scale = 1.0 if self.over_half_width else np.asarray(half_width)
         square = scale * scale

@@ -181,8 +181,7 @@ class CapsuleRows:
 
 # Posteriors of many capsules: one row each, with everything needed to repeat it
 
-STATISTICS = tuple(statistic.name for statistic in fields(Marginal))
-"""Of each quantity."""
+STATISTICS = tuple(statistic.name for statistic in fields(Marginal))  # of each quantity
 
 SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
 """Quantities in the summary of a population."""

@@ -112,8 +112,7 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
 
 # The file of a posterior: one NetCDF file of groups that ArviZ reads, and a record by which it is read back whole
 
-RECORD = "record"
-"""Attribute of the file that holds `record_of`."""
+RECORD = "record"  # attribute of the file that holds `record_of`
 WORK = "work"
 """Attribute of the file that holds the hash of what the posterior is computed from, empty if it was not stated."""
 

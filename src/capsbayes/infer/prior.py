@@ -157,16 +157,13 @@ class Inputs:
 # the determinant of the derivatives of (log G_s, a, log U) by (log Ca, a/l, v_o) is -l/v_o: those of r cancel. So the
 # prior density in (log Ca, a/l, v_o) is p(log G_s) p(a) l / v_o, and its support is the domain of the model
 
-LEAST_COVERED = 0.8
-"""Of the mass of the prior of a coordinate, by the range of the model."""
+LEAST_COVERED = 0.8  # of the mass of the prior of a coordinate, by the range of the model
 
-NARROWEST = 1e-3
-"""Standard deviation of a prior of G_s or a over its mean, below which no engine resolves it."""
+NARROWEST = 1e-3  # standard deviation of a prior of G_s or a over its mean, below which no engine resolves it
 
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
-THICKNESS = "membrane_thickness"
-"""Name of the prior that takes the place of that of the bending modulus."""
+THICKNESS = "membrane_thickness"  # name of the prior that takes the place of that of the bending modulus
 _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
 
 

@@ -80,8 +80,7 @@ if TYPE_CHECKING:
 # Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (random surrogates,
 # and the posterior averaged over them)
 
-FUNCTIONS = 256
-"""Random functions over which posteriors are averaged."""
+FUNCTIONS = 256  # random functions over which posteriors are averaged
 
 _WAVES = 256  # of each function
 _SEED = 5
@@ -663,14 +662,12 @@ class SharedMembrane(Readable):
 
 # From the measurements of a batch to the membrane that its capsules share
 
-NONE_OF_THEM = "none of them"
-"""The general law, beside those of `LAWS`."""
+NONE_OF_THEM = "none of them"  # the general law, beside those of `LAWS`
 
 MISFIT = "p-value of the misfit of all shapes"
 
 _HERE = "identify_membrane"
-ONE_CAPSULE = (1e-3, 1e-4)
-"""Spreads of ln G_s and of a/l among pictures of one capsule."""
+ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one capsule
 
 _DRAWS = 1000
 _DRAWS_AT_ONCE = 50  # draws whose capsules are drawn together

@@ -34,11 +34,9 @@ from capsbayes.status import Status
 PREDICTED = ("axial_extent", "axial_length", "flow_rate")
 """Quantities that have a p-value, where they were measured; each is predicted from those before it."""
 
-LEVEL = 1e-3
-"""P-value below which the measurement contradicts the model and the priors."""
+LEVEL = 1e-3  # p-value below which the measurement contradicts the model and the priors
 
-LARGEST_REYNOLDS_NUMBER = 1.0
-"""rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l."""
+LARGEST_REYNOLDS_NUMBER = 1.0  # rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l
 
 _DRAWS = 4000
 
@@ -103,11 +101,9 @@ def _of_lengths(engine: ExactEngine, density: PosteriorDensity) -> dict[str, flo
 
 # Share of a posterior next to borders, and the status that follows from that and from its gates
 
-LEANING_SHARE = 0.05
-"""Share of a posterior next to a border from which on it leans on it."""
+LEANING_SHARE = 0.05  # share of a posterior next to a border from which on it leans on it
 
-RANGE = "range of "
-"""How the name of a share next to the ends of a further coordinate's range begins."""
+RANGE = "range of "  # how the name of a share next to the ends of a further coordinate's range begins
 
 _NEGLIGIBLE = 1e-4  # of the largest probability of a node
 _TOLD = 0.5  # of the prior's probability within 68 %: a coordinate of which the data tell less fills its range anyway
