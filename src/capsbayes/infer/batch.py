@@ -305,7 +305,7 @@ class TableTask(RowsTask):
     def _begin(self) -> tuple[CapsuleRows, list[int]]:
         measured = self.measured
         numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
-        rows = CapsuleRows.empty(measured.names.astype(object), [""] * self.number, numbers)
+        rows = CapsuleRows.empty(measured.names.tolist(), [""] * self.number, numbers)
         for row in np.flatnonzero(measured.refusals != "").tolist():
             why = str(measured.refusals[row])
             status = why.removeprefix("status: ")  # that of the measurement, which a row may bring
@@ -852,9 +852,9 @@ def _checks(
     """Return the tasks that sample capsules drawn at random, a share of those that can be used, at least one."""
     usable = np.flatnonzero(population.usable)
     number = min(int(np.ceil(share * len(usable))), most, len(usable))
-    rows = np.sort(np.random.default_rng([run.seed, 2]).choice(usable, size=number, replace=False)) if number else []
+    rows = np.random.default_rng([run.seed, 2]).choice(usable, size=number, replace=False) if number else usable[:0]
     checks = []
-    for row in map(int, rows):
+    for row in sorted(rows.tolist()):
         measurement, prior = capsule_at(row, tasks, run)
         summaries = np.array([[population[f"{name}_{each}"][row] for each in STATISTICS] for name in REPORTED])
         checks.append(CheckTask(store, measurement, summaries, run.seed, prior))

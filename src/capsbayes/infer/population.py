@@ -139,7 +139,9 @@ class CapsuleRows:
         none = [np.full((count, *shape), np.nan) for shape in ((len(REPORTED), 7), (), (len(LEANINGS),))]
         none += [np.full((count, len(PREDICTED)), np.nan), np.full(count, np.nan)]
         numbers = np.full((count, len(NUMBERS)), np.nan) if numbers is None else numbers
-        return cls(*texts, numbers, *none, np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32))
+        components = np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32)
+        arrays: list[NDArray[Any]] = [*texts, numbers, *none, components]
+        return cls(*arrays)
 
     def refuse(self, row: int, status: Status, reason: str) -> None:
         """Set status and reason of a row, and clear what an engine may have found for it under another prior."""

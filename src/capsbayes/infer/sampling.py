@@ -368,7 +368,8 @@ def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: i
         before = log_density.not_a_number
         sampler.run_mcmc(start, todo, skip_initial_state_check=True)
         wrong = log_density.not_a_number - before
-        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *sampler.random_state[1:], wrong)
+        random: tuple[NDArray[np.uint32], int, int, float] = sampler.random_state[1:]
+        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *random, wrong)
 
     return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
 
