@@ -569,16 +569,7 @@ def hierarchy(
     place = mode(log_posterior)
     parameters, gates = drawn(log_posterior, place, rng)
     without = {"surface_shear_modulus": np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
-    shifts = {
-        name: LogGrid.of(quantity).drawn(rng, len(parameters)) / quantity.value
-        for name, quantity in (("surface_shear_modulus", viscosity), ("capsule_radius", half_width))
-    }
-    shifts["surface_shear_modulus"] *= np.exp(shared_velocity_error * rng.standard_normal(len(parameters)))
-    by_rate = kept & np.isnan(population["capsule_velocity"]) & np.isfinite(population["flow_rate"])
-    if by_rate.any():  # one pump and one channel: U = Q / A is wrong for all alike
-        rate_error = np.max(np.nan_to_num(population["flow_rate_error"][by_rate]) / population["flow_rate"][by_rate])
-        of_rate = np.exp(rate_error * rng.standard_normal(len(parameters)))
-        shifts["surface_shear_modulus"] *= of_rate / shifts["capsule_radius"] ** 2
+    shifts = _shifts(population, kept, viscosity, half_width, shared_velocity_error, rng, len(parameters))
     draws = {name: without[name] * shifts[name] for name in without} | _spreads(log_posterior, parameters)
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     missing, changes = np.empty(0), dict[str, float]()
@@ -601,6 +592,25 @@ def hierarchy(
         log_posterior,
         population["name"][kept],
     )
+
+
+def _shifts(
+    population: Population,
+    kept: NDArray[np.bool_],
+    viscosity: Quantity,
+    half_width: Quantity,
+    velocity_error: float,
+    rng: np.random.Generator,
+    count: int,
+) -> dict[str, Floats]:
+    """Draw the factors on the medians of G_s and a by which all capsules are wrong alike : (count,) arrays by name."""
+    modulus, radius = (LogGrid.of(each).drawn(rng, count) / each.value for each in (viscosity, half_width))
+    modulus *= np.exp(velocity_error * rng.standard_normal(count))
+    by_rate = kept & np.isnan(population["capsule_velocity"]) & np.isfinite(population["flow_rate"])
+    if by_rate.any():  # one pump and one channel: U = Q / A is wrong for all alike
+        rate_error = np.max(np.nan_to_num(population["flow_rate_error"][by_rate]) / population["flow_rate"][by_rate])
+        modulus *= np.exp(rate_error * rng.standard_normal(count)) / radius**2
+    return {"surface_shear_modulus": modulus, "capsule_radius": radius}
 
 
 def _taking_part(population: Population, least_stretch: float | None, model: ForwardModel | None) -> NDArray[np.bool_]:

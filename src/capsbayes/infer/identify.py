@@ -454,9 +454,7 @@ def identify(
         draws = _named_as_given(draws, grid)
         leans = leanings(draws, model, quadrature.prior)
         if measurement.outline is not None:
-            misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
-            if (odd := lopsided(measurement.outline)) is not None:
-                misfits.insert(0, Misfit(odd, Status.LOPSIDED))
+            misfits = [*_misfits_of_outline(measurement.outline, model, draws), *misfits]
         if not grid.density.inputs.viscous_tension:
             misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
         shares: dict[str, float] = {}
@@ -486,6 +484,13 @@ def identify(
             log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
             expected_log_modulus_sds=_expected(grid, measurement) if error_budget else {},
         )
+
+
+def _misfits_of_outline(outline: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> list[Misfit]:
+    """Return the gates on a measured outline, the gravest first."""
+    odd = lopsided(outline)
+    gates = [] if odd is None else [Misfit(odd, Status.LOPSIDED)]
+    return [*gates, Misfit(outline_misfit(outline, model, draws), Status.OUTLINE_MISFIT)]
 
 
 def check_applies(

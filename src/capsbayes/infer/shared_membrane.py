@@ -739,15 +739,7 @@ def identify_membrane(
     Rue, Martino, Chopin 2009, J. R. Stat. Soc. B 71, 319, doi:10.1111/j.1467-9868.2008.00700.x (Laplace's method).
     Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (model error).
     """
-    if not measurements:
-        raise InputError(_HERE, "measurements", "at least one", "none")
-    for measurement in measurements:
-        check_comparable(measurement, measurement.source or "measurement")
-    outline = measurements[0].outline
-    view = MID_PLANE if outline is None else outline.view
-    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
-    for measurement in measurements:
-        check_applies(model, measurement, experiment)
+    model = _model_of(measurements, experiment, model)
     spreads = _spreads(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
     with threadpool_limits(limits=1):
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
@@ -759,23 +751,8 @@ def identify_membrane(
         under = {NONE_OF_THEM: unknowns}
         if laws:
             under |= {name: unknowns.fixed(fixed) for name, fixed in _possible(unknowns)}
-        few = len(measurements) < _MANY
-        apart = few and len(under) > 1  # each law in a process, where the capsules are too few to be spread themselves
-        inside = "synchronous" if apart or (few and scheduler is workers is None) else scheduler
-        tasks = [keeping_steps(partial(_assumed, each, inside, workers, seed)) for each in under.values()]
-        step = " and ".join(["membrane unknown", *(["known laws"] if len(under) > 1 else [])])
-        told = partial(progress, step)
-        told(0, len(under))
-        found = run_tasks(
-            tasks,
-            scheduler if apart else "synchronous",
-            workers,
-            capsules,
-            experiment,
-            finished=lambda done: told(done, len(under)),
-        )
-    assumed = [(name, *each) for name, each in zip(under, found, strict=True)]
-    sampled, draws = found[0]
+        results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
+    sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
@@ -787,7 +764,7 @@ def identify_membrane(
             [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
         ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
-        laws=_with_odds(assumed) if laws else (),
+        laws=_with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
         prior={key_of(one): one.distribution for one in unknowns.coordinates},
         experiment=experiment,
         model_name=model.name,
@@ -796,6 +773,42 @@ def identify_membrane(
         gates=gates,
         status=_status(gates),
     )
+
+
+def _model_of(
+    measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate | None
+) -> MembraneSurrogate:
+    """Return the model given, or that of the channel and the view; refuse measurements that it cannot hold."""
+    if not measurements:
+        raise InputError(_HERE, "measurements", "at least one", "none")
+    for measurement in measurements:
+        check_comparable(measurement, measurement.source or "measurement")
+    outline = measurements[0].outline
+    view = MID_PLANE if outline is None else outline.view
+    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
+    for measurement in measurements:
+        check_applies(model, measurement, experiment)
+    return model
+
+
+def _under_each(
+    under: Mapping[str, Unknowns],
+    capsules: Capsules,
+    experiment: Experiment,
+    seed: int,
+    scheduler: str | None,
+    workers: int | None,
+    progress: Callable[[str, int, int], None],
+) -> list[tuple[Sampled, dict[str, Floats]]]:
+    """Sample under each law: in a process each where the capsules are too few to be spread over processes."""
+    few = len(capsules.batch) < _MANY
+    apart = few and len(under) > 1
+    inside = "synchronous" if apart or (few and scheduler is workers is None) else scheduler
+    tasks = [keeping_steps(partial(_assumed, each, inside, workers, seed)) for each in under.values()]
+    done = partial(progress, " and ".join(["membrane unknown", *(["known laws"] if len(under) > 1 else [])]))
+    done(0, len(under))
+    outside = scheduler if apart else "synchronous"
+    return run_tasks(tasks, outside, workers, capsules, experiment, finished=lambda count: done(count, len(under)))
 
 
 def _assumed(
