@@ -441,11 +441,8 @@ def identify(
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
-        if engine is None:
-            engine = "quadrature" if _has_many_unknowns(grid) and effort is None else "emcee"
         misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
-        if not all(misfit.gate.passed for misfit in misfits):
-            engine = "quadrature"  # nobody may use these intervals: the time of chains is saved
+        engine = _engine_for(grid, engine, effort, misfits)
         run = _sampled if engine == "emcee" else _gridded
         draws, ensemble, gates, agreed = run(grid, seed, effort)
         reported = _reported(grid)
@@ -457,9 +454,8 @@ def identify(
             misfits = [*_misfits_of_outline(measurement.outline, model, draws), *misfits]
         if not grid.density.inputs.viscous_tension:
             misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
-        shares: dict[str, float] = {}
-        if error_budget:
-            shares = variance_shares(quadrature, measurement, grid, "surface_shear_modulus")["surface_shear_modulus"]
+        modulus = "surface_shear_modulus"
+        shares = variance_shares(quadrature, measurement, grid, modulus)[modulus] if error_budget else {}
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -484,6 +480,13 @@ def identify(
             log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
             expected_log_modulus_sds=_expected(grid, measurement) if error_budget else {},
         )
+
+
+def _engine_for(grid: ExactPosterior, stated: str | None, effort: Effort | None, misfits: list[Misfit]) -> str:
+    """Return the engine stated, or the default; quadrature where nobody may use the intervals, to save the chains."""
+    if not all(misfit.gate.passed for misfit in misfits):
+        return "quadrature"
+    return stated or ("quadrature" if _has_many_unknowns(grid) and effort is None else "emcee")
 
 
 def _misfits_of_outline(outline: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> list[Misfit]:
