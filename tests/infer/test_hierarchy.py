@@ -1,16 +1,22 @@
 """A drawn population is found again: its intervals hold the truth as often as they say, by two routes the same."""
 
+import importlib.util
+import json
+import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import emcee
 import numpy as np
 import pytest
+import xarray as xr
 from drawn_populations import EXPERIMENT, TRUTH, VISCOSITY, drawn_population
 from scipy import stats
+from scipy.stats import norm, t
 
 from capsbayes.errors import InputError
-from capsbayes.infer.hierarchy import LogPosterior, drawn, hierarchy, log_likelihood
+from capsbayes.infer.hierarchy import LogPosterior, ModulusSpread, drawn, hierarchy, log_likelihood
 from capsbayes.infer.population import Population
 from capsbayes.infer.selection import ScaleMixture, Selection, half_width_of, kept_rows, limit_of
 from capsbayes.quantity import Quantity
@@ -316,3 +322,94 @@ def test_each_capsule_has_a_likelihood_of_its_own(population):
     assert loo.n_data_points == found.capsules
     assert loo.good_k > np.max(arviz.loo(data, pointwise=True).pareto_k)
     assert 2.0 < loo.p_loo < 10.0  # of five parameters
+
+
+ROOT = Path(__file__).parents[4]
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    spec = importlib.util.spec_from_file_location("population_coverage", ROOT / "benchmarks" / "population_coverage.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["population_coverage"] = module  # where dataclasses look for names of types
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["population_coverage"]
+
+
+@pytest.fixture(scope="module")
+def counts(benchmark):
+    return json.loads(benchmark.STORED.read_text())
+
+
+def test_the_page_shows_the_stored_counts(benchmark, counts):
+    before, after = benchmark.MARKS
+    assert before + benchmark.table(counts) + after in benchmark.PAGE.read_text()
+
+
+def test_there_are_200_sessions_of_each_kind(benchmark, counts):
+    assert list(counts) == [name for name in benchmark.ROWS if name in counts]
+    assert all(row["sessions"] >= 200 for row in counts.values())
+    assert 0.65 < counts["lost"]["seen"] / counts["lost"]["drawn"] < 0.75
+
+
+def test_intervals_cover_as_often_as_they_say(benchmark, counts):
+    row = counts["lost"]
+    for quantity in benchmark.QUANTITIES:
+        for level in benchmark.LEVELS:
+            held = row[f"{quantity} {level}"]
+            assert stats.binomtest(held, row["sessions"], level / 100).pvalue > 1e-3, (quantity, level, held)
+
+
+def test_the_limit_ignored_biases_the_mean_and_heavy_tails_the_spread(benchmark, counts):
+    assert counts["lost, ignored"]["surface_shear_modulus 95"] < 0.75 * counts["lost"]["surface_shear_modulus 95"]
+    for spread in benchmark.SPREADS:
+        assert counts["t3, t fitted"][f"{spread} 95"] > 1.3 * counts["t3"][f"{spread} 95"]
+
+
+def test_the_check_of_the_tails_objects_where_they_are_heavy(counts):
+    rate = {name: row["objections"] / row["sessions"] for name, row in counts.items()}
+    assert max(rate["lost"], rate["lost, ignored"]) < 0.1
+    assert rate["t3"] > 0.5
+
+
+def test_one_session_is_counted(benchmark):
+    counted = benchmark.session("lost", 0)
+    assert counted["sessions"] == counted["passed"] == 1
+    assert 40 < counted["seen"] < counted["drawn"] == benchmark.DRAWN
+
+
+def test_numbers_are_a_normal_distribution_without_a_band():
+    modulus = np.geomspace(0.02, 0.1, 7)
+    middle, low, high = ModulusSpread(np.log(0.05), 0.2).density(modulus)
+    np.testing.assert_allclose(middle, norm(np.log(0.05), 0.2).pdf(np.log(modulus)))
+    np.testing.assert_array_equal(low, high)
+
+
+def test_draws_have_a_band_that_holds_95_in_100():
+    rng = np.random.default_rng(1)
+    spread = ModulusSpread(rng.normal(np.log(0.05), 0.1, 4000), np.full(4000, 0.2))
+    np.testing.assert_allclose(np.log(spread.median / 0.05), [0.0, -0.196, 0.196], atol=0.01)
+    middle, low, high = spread.density(np.array([0.04]))
+    assert low[0] < middle[0] < high[0]
+    np.testing.assert_allclose(spread.relative, 0.2)
+
+
+def test_heavy_tails_are_those_of_the_t_distributions_fitted():
+    """Of a slope of zero, ln G_s has a t distribution."""
+    freedom, scale, ones = 4.0, 0.1, np.ones(1)
+    width = scale * t.ppf(norm.cdf(1.0), freedom)
+    draws = {"surface_shear_modulus": 0.05, "modulus_spread": width, "modulus_spread_at_given_size": width}
+    draws |= {"radius_spread": 0.1, "modulus_slope": 0.0, "modulus_freedom": freedom, "radius_freedom": 4.0}
+    stored = xr.Dataset({f"population_{name}": ("draw", value * ones) for name, value in draws.items()})
+    spread = ModulusSpread.of_population(Population(stored))
+    off = scale * np.array([0.0, 1.0, 3.0, 5.0])
+    expected = t(freedom, scale=scale).pdf(off)
+    np.testing.assert_allclose(spread.density(0.05 * np.exp(off))[0], expected, rtol=0.1)
+    assert np.all(norm(0.0, width).pdf(off[2:]) < 0.8 * expected[2:])
+
+
+@pytest.mark.parametrize(("mean", "sd"), [([0.0, 1.0], [0.1]), (np.nan, 0.1), (0.0, 0.0), ([[0.0]], [[0.1]])])
+def test_what_is_no_distribution_is_refused(mean, sd):
+    with pytest.raises(InputError, match="ModulusSpread: mean, sd: expected"):
+        ModulusSpread(mean, sd)
