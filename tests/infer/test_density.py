@@ -4,7 +4,7 @@ from density_of_all_inputs import log_prior
 from scipy import stats
 
 from capsbayes.experiment import Experiment
-from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.density import PosteriorDensity, rejection_sample
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.prior import Inputs, Prior
 from capsbayes.quantity import Quantity
@@ -93,3 +93,20 @@ def test_a_model_without_an_answer_has_no_density(model, experiment, capsule):
     points = points_of(model, [0.3], [0.96])
     assert np.isnan(density.log_density(points, np.log([0.3]), np.array([0.96])))[0]
     assert isinstance(points, ModelAtPoints)
+
+
+def test_rows_are_drawn_anew_until_they_are_accepted():
+    """Uniform draws of which one half, or none, is accepted."""
+    rng, draws = np.random.default_rng(1), {"x": np.full(1000, 2.0), "y": np.arange(1000.0)}
+    rows = np.arange(0, 1000, 2)
+    left = rejection_sample(
+        draws,
+        rows,
+        lambda rows: {"x": rng.uniform(size=len(rows))},
+        lambda again, rows: (again["x"] < 0.5) & (rows < 900),
+    )
+    assert left.tolist() == list(range(900, 1000, 2))
+    assert np.all(draws["x"][1::2] == 2.0)
+    assert np.all(draws["x"][left] == 2.0)
+    assert stats.kstest(2.0 * draws["x"][:900:2], "uniform").pvalue > 1e-3
+    assert draws["y"].tolist() == list(range(1000))

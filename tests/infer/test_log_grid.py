@@ -1,18 +1,8 @@
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.integrate import quad
 
-from capsbayes.infer.log_grid import (
-    LogGrid,
-    binned,
-    inverse,
-    laid,
-    positive_normal,
-    resampled,
-    scaled,
-    share_between,
-)
+from capsbayes.infer.log_grid import LogGrid, binned, laid
 from capsbayes.quantity import Quantity
 
 
@@ -46,18 +36,11 @@ def test_a_product_of_lognormals_is_lognormal_whatever_their_widths(other):
 
 
 def test_known_numbers_multiply_exactly():
-    product = inverse(LogGrid.known(2.0).times(LogGrid.known(3.0)))
-    assert product.marginal().median == pytest.approx(1.0 / 6.0)
+    product = LogGrid.known(2.0).times(LogGrid.known(3.0))
+    assert product.marginal().median == pytest.approx(6.0)
     logs, weights = lognormal(1.0, 0.1)
     one = binned(logs, weights, 0.025)
     assert one.times(LogGrid.known(5.0)).mean == pytest.approx(one.mean + np.log(5.0))
-
-
-def test_an_inverse_mirrors_the_quantiles():
-    logs, weights = lognormal(4.0, 0.3)
-    one = binned(logs, weights, 0.075)
-    assert inverse(one).marginal().median == pytest.approx(1.0 / one.marginal().median)
-    assert inverse(one).marginal().upper_95 == pytest.approx(1.0 / one.marginal().lower_95)
 
 
 def test_probability_below():
@@ -127,20 +110,6 @@ def test_moments_of_a_wide_lognormal_factor_are_exact():
     assert none.marginal().sd == 0.0
 
 
-def test_a_mixture_has_the_mean_and_variance_of_its_parts_and_of_their_means():
-    parts, weights = [LogGrid.known(1.0), LogGrid.known(np.e)], np.array([0.25, 0.75])
-    mixed = LogGrid.mixed(parts, weights)
-    assert mixed.mean == pytest.approx(0.75)
-    assert mixed.variance == pytest.approx(0.75 * 0.25)
-    assert mixed.below(np.array([0.5]))[0] == pytest.approx(0.25, abs=0.01)
-    wide = [scaled(LogGrid.normal(0.04), log) for log in (0.0, 1.0)]
-    mixed = LogGrid.mixed(wide, weights)
-    assert mixed.variance == pytest.approx(0.04 + 0.75 * 0.25, rel=1e-6)
-    means = [one.marginal().mean for one in wide]
-    assert mixed.marginal().mean == pytest.approx(weights @ means, rel=1e-3)
-    assert LogGrid.mixed(wide[:1], np.ones(1)) is wide[0]
-
-
 @pytest.mark.parametrize("step", [0.1, 0.2])
 def test_the_widening_by_a_coarse_grid_is_undone(step):
     """Cells of half and of a whole standard deviation."""
@@ -170,54 +139,22 @@ def test_nodes_are_laid_on_eight_cells_in_a_standard_deviation_or_on_their_own_d
     assert one.marginal().as_dict() == pytest.approx(LogGrid.known(np.exp(0.7)).marginal().as_dict())
 
 
-@pytest.mark.parametrize(
-    ("centre", "error", "power"), [(2.0, 0.1, 0.0), (2.0, 0.1, 3.0), (2.0, 0.8, 0.0), (2.0, 0.8, -1.0)]
-)
-def test_a_positive_normal_number_with_a_power(centre, error, power):
-    def density(x):
-        return x**power * stats.norm.pdf(x, centre, error)
-
-    ends = max(centre - 8.0 * error, 1e-4 * centre), centre + 8.0 * error
-    total, first, second = (quad(lambda x, k=k: x**k * density(x), *ends, limit=200)[0] for k in range(3))
-    for step in (0.01, 1.0):
-        grid = positive_normal(centre, error, power, step)
-        assert grid.step <= min(step, error / centre / 3.0)
-        one, sd = grid.marginal(), np.sqrt(second / total - (first / total) ** 2)
-        assert one.mean == pytest.approx(first / total, abs=0.01 * sd)
-        assert one.sd == pytest.approx(sd, rel=0.02)
-        assert grid.end >= np.log(ends[1])
-        assert np.exp(grid.start) > max(0.0, centre - 9.0 * error)  # no cells where there is nothing
-    known = positive_normal(centre, 0.0, power, 0.01)
-    assert known.marginal().median == pytest.approx(centre)
-    assert known.marginal().sd == 0.0
-
-
-def test_a_known_factor_and_the_inverse_change_the_numbers_and_no_probability():
+def test_a_known_factor_changes_the_numbers_and_no_probability():
     logs, weights = lognormal(4.0, 0.3)
     one = binned(logs, weights, 0.075)
-    twice, inverted = scaled(one, np.log(2.0)), inverse(one)
+    twice = one.scaled(np.log(2.0))
     np.testing.assert_allclose(twice.logs, one.logs + np.log(2.0))
-    np.testing.assert_allclose(inverted.logs, -one.logs[::-1], atol=1e-12)
     for name, value in one.marginal().as_dict().items():
         assert twice.marginal().as_dict()[name] == pytest.approx(2.0 * value), name
-    assert inverted.log_marginal().mean == pytest.approx(-np.log(4.0))
-    assert inverted.log_marginal().sd == pytest.approx(0.3, rel=1e-6)
     moved = LogGrid.known(2.0).times(one)
     np.testing.assert_allclose(moved.masses, one.masses)
     np.testing.assert_allclose(moved.logs, twice.logs)
 
 
-def test_the_share_between_two_values_counts_the_points_from_one_to_the_other():
-    grid = LogGrid(-1.0, 0.5, np.array([0.1, 0.2, 0.3, 0.25, 0.15]), 0.0, 0.5)
-    assert share_between(grid, -0.5, 0.5) == pytest.approx(0.75)
-    assert share_between(grid, -9.0, 9.0) == pytest.approx(1.0)
-    assert share_between(grid, 0.1, 0.4) == 0.0
-
-
 def test_another_grid_keeps_the_moments():
     one = LogGrid.normal(0.04)
-    np.testing.assert_array_equal(resampled(one, one.step).masses, one.masses)
-    other = resampled(one, 3.0 * one.step)
+    np.testing.assert_array_equal(one.resampled(one.step).masses, one.masses)
+    other = one.resampled(3.0 * one.step)
     assert other.step == 3.0 * one.step
     assert (other.mean, other.variance) == (one.mean, one.variance)
     assert other.masses @ other.logs**2 == pytest.approx(0.04, rel=0.01)

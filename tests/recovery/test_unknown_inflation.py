@@ -7,7 +7,7 @@ from simulated_capsules import measured_capsule, mistakes
 
 from capsbayes.database import Database
 from capsbayes.experiment import Experiment
-from capsbayes.infer.mixed import MixedQuadrature
+from capsbayes.infer.importance import ImportanceSampling
 from capsbayes.infer.prior import Prior
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
@@ -27,7 +27,7 @@ def inflated():
 def ranks(inflated):
     """Posterior probability below the true G_s and a, capsules from the whole of the prior : (2, n) array."""
     model = Surrogate.open("square-pre-inflation")
-    engine, rng, found = MixedQuadrature(model, EXPERIMENT), np.random.default_rng(7), []
+    engine, rng, found = ImportanceSampling(model, EXPERIMENT), np.random.default_rng(7), []
     (ca_low, ca_high), (size_low, size_high) = model.domain.bounds
     while len(found) < CAPSULES:
         ca, size = np.exp(rng.uniform(np.log(ca_low), np.log(ca_high))), rng.uniform(size_low, size_high)
@@ -64,7 +64,7 @@ def test_intervals_hold_cases_of_an_inflation_left_out(inflated):
     )
     model = Surrogate.from_database(Database(others))
     prior = Prior(coordinates={"pre_inflation": stats.uniform(0.0, 2.0 * left_out)})
-    engine, rng, found = MixedQuadrature(model, EXPERIMENT, prior), np.random.default_rng(8), []
+    engine, rng, found = ImportanceSampling(model, EXPERIMENT, prior), np.random.default_rng(8), []
     for case in deep:
         shape = [cases[name][case] for name in ("axial_extent", "axial_length", "velocity_ratio")]
         theta = cases["capillary_number"][case], cases["size_ratio"][case]

@@ -12,7 +12,6 @@ from capsbayes.infer.batch import Run, fill_exactly
 from capsbayes.infer.population import CapsuleRows, Population
 from capsbayes.infer.selection import limit_of
 from capsbayes.measurement import Measurement
-from capsbayes.measurement_sets import NUMBERS
 from capsbayes.quantity import Quantity
 
 VISCOSITY, HALF_WIDTH = (0.85, 0.0425), (25e-6, 0.25e-6)
@@ -96,8 +95,7 @@ def measurements(lengths, velocities):
 
 def rows_of(seen, run):
     """Identify measurements as a batch does."""
-    blank = np.full(len(seen), "", dtype=object)
-    rows = CapsuleRows.empty(blank, blank, blank, np.full((len(seen), len(NUMBERS)), np.nan))
+    rows = CapsuleRows.empty([""] * len(seen), [""] * len(seen))
     for row, measurement in enumerate(seen):
         fill_exactly(rows, row, measurement, run)
     return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import contextlib
+import functools
 import hashlib
 import json
 import logging
@@ -11,7 +12,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -19,12 +20,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
 from capsbayes.arguments import checked
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.errors import CapsbayesError, InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.files.input_file import PICTURES, InputFile, read_bytes
@@ -62,9 +62,7 @@ from capsbayes.measurement_sets import (
     read_set,
     unmeasured,
 )
-from capsbayes.measurement_sets import (
-    NUMBERS as MEASURED,
-)
+from capsbayes.measurement_sets import NUMBERS as MEASURED
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Given, Quantity
 from capsbayes.run import Store, check_parts, digest_of, only_run, progress_bar, run_tasks, steps_kept
@@ -79,46 +77,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Model, experiment and prior of a run.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    experiment : Experiment or None
-        None if each measurement names its own.
-    prior : Prior
-    seed : int
-    capsule_velocity, flow_rate : Quantity, optional [m/s], [m^3/s]
-        Of capsules of which there are pictures: a velocity that they share, the flow rate in their channel.
-    background : Path, optional
-        Picture of the empty channel.
-    flow : str, optional
-        ``"right"`` or ``"left"``, in pictures.
-    by_hand : ByHand, optional
-        What is stated of the pictures.
-    """
+    """Model, experiment and prior of a run."""
 
     model: ForwardModel
-    experiment: Experiment | None
+    experiment: Experiment | None  # None: each measurement names its own
     prior: Prior
     seed: int
-    capsule_velocity: Quantity | None = None
-    flow_rate: Quantity | None = None
-    background: Path | None = None
-    flow: str | None = None
-    by_hand: Any = None
+    capsule_velocity: Quantity | None = None  # [m/s], which capsules in pictures share
+    flow_rate: Quantity | None = None  # [m^3/s], in their channel
+    background: Path | None = None  # picture of the empty channel
+    flow: str | None = None  # ``"right"`` or ``"left"``, in pictures
+    by_hand: Any = None  # what is stated of the pictures
 
     @cached_property
-    def _engines(self) -> dict[bool, ExactEngine]:
-        return {}
+    def _engine(self) -> ExactEngine:
+        assert self.experiment is not None
+        return exact_engine(self.model, self.experiment, self.prior)
 
-    def engine(self, experiment: Experiment, *, outline: bool) -> ExactEngine:
-        """Return the engine for measurements with or without an outline; that of the experiment of the run is kept."""
-        if self.experiment is None:
-            return exact_engine(self.model, experiment, self.prior, outline=outline)
-        if outline not in self._engines:
-            self._engines[outline] = exact_engine(self.model, self.experiment, self.prior, outline=outline)
-        return self._engines[outline]
+    def engine(self, experiment: Experiment) -> ExactEngine:
+        """Return the engine for an experiment; that of the run is kept."""
+        return exact_engine(self.model, experiment, self.prior) if self.experiment is None else self._engine
 
     @cached_property
     def fingerprint(self) -> str:
@@ -129,13 +107,7 @@ class Run:
         return digest_of(__version__, self.model, self.seed, *how)
 
     def experiment_of(self, measurement: Measurement) -> Experiment:
-        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule.
-
-        Raises
-        ------
-        InputError
-            If there is neither.
-        """
+        """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule."""
         known = self.experiment
         if known is None:
             if measurement.experiment_file is None:
@@ -156,16 +128,7 @@ _DRAWS = 10_000  # from which the mixture and the shares next to borders are com
 
 
 def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
-    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason.
-
-    Parameters
-    ----------
-    rows : CapsuleRows
-        Whose arrays are filled.
-    row : int
-    measurement : Measurement
-    run : Run
-    """
+    """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason."""
     rows.engine[row] = "grid"
     try:
         _fill(rows, row, measurement, run)
@@ -181,7 +144,7 @@ def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run
 def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
     own, seen = run.experiment_of(measurement), measurement.outline
     check_applies(run.model, measurement, own)
-    engine = run.engine(own, outline=seen is not None)
+    engine = run.engine(own)
     posterior = engine(measurement, inputs=Inputs.of(measurement, own))
     grid = posterior if isinstance(posterior, GridPosterior) and posterior.half_width is None else None
     if grid is None or grid.cut or seen is not None:
@@ -249,16 +212,10 @@ _LONGEST_UNKEPT = 5.0  # s of work
 
 @dataclass(frozen=True)
 class StoredTask(abc.ABC):
-    """A task whose result is a part of a store.
-
-    Parameters
-    ----------
-    store : Store
-    """
+    """A task whose result is a part of a store."""
 
     store: Store
-    kind: ClassVar[str]
-    """First word of the name of the part."""
+    kind: ClassVar[str]  # first word of the name of the part
 
     @abc.abstractmethod
     def _contents(self) -> Sequence[Any]:
@@ -293,67 +250,63 @@ class RowsTask(StoredTask):
         """Number of rows."""
 
     @abc.abstractmethod
-    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
-        """Compute what takes little time; return the rows, and the numbers of those that remain to be filled."""
+    def _begin(self) -> tuple[CapsuleRows, list[int]]:
+        """Return the rows before anything is computed, and the numbers of those to be filled."""
 
     @abc.abstractmethod
-    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Compute one of the rows that remain."""
+    def capsule(self, row: int, run: Run) -> tuple[Measurement, Prior]:
+        """Return what was measured of the capsule of a row, and its prior."""
 
-    def compute(self, run: Run) -> CapsuleRows:
-        """Compute the rows, from where an interrupted attempt left off."""
+    def _fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
+        try:
+            measurement, prior = self.capsule(row, run)
+        except InputError as error:
+            rows.refuse(row, Status.UNUSABLE, str(error))
+            return
+        fill_exactly(rows, row, measurement, run if prior is run.prior else replace(run, prior=prior))
+
+    def __call__(self, run: Run) -> None:
+        """Compute the rows, from where an interrupted attempt left off, and keep them."""
         begun = f"{self.name}-begun"
         kept = self.store.load(begun)
-        rows, left = self.begin(run) if kept is None else (CapsuleRows.of_arrays(kept), kept["left"].tolist())
+        rows, left = self._begin() if kept is None else (CapsuleRows.of_arrays(kept), kept["left"].tolist())
         saved = time.monotonic()
         with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
             while left:
-                self.fill(rows, left.pop(0), run)
+                self._fill(rows, left.pop(0), run)
                 if left and time.monotonic() - saved > _LONGEST_UNKEPT:
                     self.store.save(begun, rows.arrays | {"left": np.array(left)})
                     saved = time.monotonic()
-        return rows
+        self.store.save(self.name, rows.arrays)
+        self.store.remove(begun)
 
     @property
-    def rows(self) -> CapsuleRows | None:
-        """The rows, None if they are missing or damaged."""
+    def rows(self) -> CapsuleRows:
+        """The rows of a task that is done."""
         arrays = self.store.load(self.name)
-        return None if arrays is None else CapsuleRows.of_arrays(arrays)
-
-    def __call__(self, run: Run) -> None:
-        """Compute the rows and keep them."""
-        self.store.save(self.name, self.compute(run).arrays)
-        self.store.remove(f"{self.name}-begun")
+        assert arrays is not None, "the workers see the same files"
+        return CapsuleRows.of_arrays(arrays)
 
 
 @dataclass(frozen=True)
 class TableTask(RowsTask):
-    """Some rows of a table of lengths.
-
-    Parameters
-    ----------
-    store : Store
-    measured : MeasuredLengths
-    """
+    """Some rows of a table of lengths."""
 
     measured: MeasuredLengths = field(repr=False)
     kind: ClassVar[str] = "rows"
 
     @property
     def number(self) -> int:
-        """Number of rows."""
         return len(self.measured)
 
     def _contents(self) -> Sequence[Any]:
         measured = self.measured
         return [measured.numbers[name] for name in NUMBERS], measured.names, measured.refusals, measured.priors
 
-    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
-        """Return rows with what was measured, and with status and reason of those that cannot be used."""
-        del run
-        measured, blank = self.measured, np.full(self.number, "", dtype=object)
+    def _begin(self) -> tuple[CapsuleRows, list[int]]:
+        measured = self.measured
         numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
-        rows = CapsuleRows.empty(measured.names.astype(object), blank, blank.copy(), numbers)
+        rows = CapsuleRows.empty(measured.names.tolist(), [""] * self.number, numbers)
         for row in np.flatnonzero(measured.refusals != "").tolist():
             why = str(measured.refusals[row])
             status = why.removeprefix("status: ")  # that of the measurement, which a row may bring
@@ -361,56 +314,38 @@ class TableTask(RowsTask):
             rows.status[row], rows.reason[row] = (status, "") if known else (Status.UNUSABLE.name, why)
         return rows, np.flatnonzero(measured.refusals == "").tolist()
 
-    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Compute a row, with the prior that it states."""
+    def capsule(self, row: int, run: Run) -> tuple[Measurement, Prior]:
         texts, where = self.measured.prior_texts(row), f"{self.measured.source}: capsule {self.measured.names[row]}"
-        try:
-            own = replace(run, prior=run.prior.with_texts(texts, where=where)) if texts else run
-            measurement = self.measured.measurement(row)
-        except InputError as error:
-            rows.refuse(row, Status.UNUSABLE, str(error))
-            return
-        fill_exactly(rows, row, measurement, own)
+        prior = run.prior.with_texts(texts, where=where) if texts else run.prior
+        return self.measured.measurement(row), prior
 
     @property
-    def rows(self) -> CapsuleRows | None:
-        """The rows, with the fingerprint of the whole table as it is now, other rows of which may have changed."""
-        rows = super().rows
-        if rows is not None:
-            rows.source[:], rows.sha256[:] = self.measured.source, self.measured.sha256
+    def rows(self) -> CapsuleRows:
+        rows = super().rows  # other rows of the table may have changed since
+        rows.source[:], rows.sha256[:] = self.measured.source, self.measured.sha256
         return rows
 
 
 @dataclass(frozen=True)
 class FileTask(RowsTask):
-    """One file of a measurement, or one picture.
-
-    Parameters
-    ----------
-    store : Store
-    measured : Path
-    capsule : str
-        Its name in tables.
-    """
+    """One file of a measurement, or one picture."""
 
     measured: Path
-    capsule: str
+    name_of_capsule: str
     kind: ClassVar[str] = "file"
     number: ClassVar[int] = 1
 
     def _contents(self) -> Sequence[Any]:
-        """Return the name of the capsule, and the content of the file and of those that it names."""
-        return [self.capsule, *((str(file), _content(file)) for file in (self.measured, *_named_in(self.measured)))]
+        files = self.measured, *_named_in(self.measured)
+        return [self.name_of_capsule, *((str(file), _content(file)) for file in files)]
 
-    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
-        """Return an empty row."""
-        del run
-        return CapsuleRows.empty(_texts([self.capsule]), _texts([str(self.measured)]), _texts([""]), _no_numbers(1)), [
-            0
-        ]
+    def _begin(self) -> tuple[CapsuleRows, list[int]]:
+        return CapsuleRows.empty([self.name_of_capsule], [str(self.measured)]), [0]
 
-    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Measure the capsule if need be, and compute its row."""
+    def capsule(self, row: int, run: Run) -> tuple[Measurement, Prior]:
+        return measured_file(self.measured, run), prior_of_file(self.measured, run.prior)
+
+    def _fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
         try:
             measurement = measured_file(self.measured, run)
             rows.sha256[row], rows.numbers[row] = measurement.sha256, numbers_of(measurement)
@@ -424,15 +359,7 @@ class FileTask(RowsTask):
 
 @dataclass(frozen=True)
 class OutlinesTask(RowsTask):
-    """Some capsules of a file of outlines.
-
-    Parameters
-    ----------
-    store : Store
-    measurements : tuple of Measurement
-    left_out : tuple of str
-        One line for each capsule of the file that cannot be used.
-    """
+    """Some capsules of a file of outlines, and a line for each that cannot be used."""
 
     measurements: tuple[Measurement, ...] = field(repr=False)
     left_out: tuple[str, ...] = field(default=(), repr=False)
@@ -440,39 +367,24 @@ class OutlinesTask(RowsTask):
 
     @property
     def number(self) -> int:
-        """Number of rows."""
         return len(self.measurements) + len(self.left_out)
 
     def _contents(self) -> Sequence[Any]:
         return [(measurement.source, measurement) for measurement in self.measurements], self.left_out
 
-    def begin(self, run: Run) -> tuple[CapsuleRows, list[int]]:
-        """Return rows with what was measured, and with the reasons of those that cannot be used."""
-        del run
-        names = [measurement.source.rpartition(": ")[2] for measurement in self.measurements]
-        names += [line.partition(": expected ")[0] for line in self.left_out]
-        sources = [measurement.source.rpartition(": ")[0] for measurement in self.measurements] + [""] * len(
-            self.left_out
-        )
-        blank = [""] * len(names)
-        rows = CapsuleRows.empty(_texts(names), _texts(sources), _texts(blank), _no_numbers(len(names)))
-        for row, measurement in enumerate(self.measurements):
+    def _begin(self) -> tuple[CapsuleRows, list[int]]:
+        seen, lines = self.measurements, self.left_out
+        parts = [measurement.source.rpartition(": ") for measurement in seen]
+        names = [*(name for _, _, name in parts), *(line.partition(": expected ")[0] for line in lines)]
+        rows = CapsuleRows.empty(names, [*(file for file, _, _ in parts), *[""] * len(lines)])
+        for row, measurement in enumerate(seen):
             rows.numbers[row] = numbers_of(measurement)
-        for row, line in enumerate(self.left_out, start=len(self.measurements)):
+        for row, line in enumerate(lines, start=len(seen)):
             rows.refuse(row, Status.UNUSABLE, line)
-        return rows, list(range(len(self.measurements)))
+        return rows, list(range(len(seen)))
 
-    def fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
-        """Compute a row on a grid for its outline."""
-        fill_exactly(rows, row, self.measurements[row], run)
-
-
-def _texts(texts: list[str]) -> NDArray[Any]:
-    return np.array(texts, dtype=object)
-
-
-def _no_numbers(count: int) -> Floats:
-    return np.full((count, len(NUMBERS)), np.nan)
+    def capsule(self, row: int, run: Run) -> tuple[Measurement, Prior]:
+        return self.measurements[row], run.prior
 
 
 def _named_in(file: Path) -> list[Path]:
@@ -505,13 +417,7 @@ def prior_of_file(file: Path, default: Prior) -> Prior:
 
 
 def measured_file(file: Path, run: Run) -> Measurement:
-    """Return the measurement of a file: read from it, or measured in a picture.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or a picture lacks what it does not show.
-    """
+    """Return the measurement of a file: read from it, or measured in a picture."""
     if file.suffix.lower() not in PICTURES:
         return Measurement.read(file)
     from capsbayes.image import measure
@@ -528,48 +434,12 @@ def measured_file(file: Path, run: Run) -> Measurement:
 
 # The capsules of a run, of a folder, of a table or of a file of outlines, as tasks
 
-ROWS = 250
-"""Of a table in one task: a fraction of a second of work, on the table of the model."""
-_EXACT_ROWS = 8
-"""Of a table or a file of outlines in one task that takes the exact engine: some seconds of work."""
+ROWS = 250  # of a table in one task: a fraction of a second of work, on the table of the model
+_EXACT_ROWS = 8  # of a table or a file of outlines in one task that takes the exact engine: some seconds of work
 
 
-@dataclass(frozen=True, eq=False)
-class Listed:
-    """The capsules of a run.
-
-    Parameters
-    ----------
-    tasks : list of RowsTask
-        In the order of the rows.
-    measurement : callable
-        From the number of a row to what was measured.
-    prior : callable
-        From the number of a row to its prior.
-    """
-
-    tasks: list[RowsTask]
-    measurement: Callable[[int], Measurement]
-    prior: Callable[[int], Prior]
-
-
-def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
-    """List the capsules of a run.
-
-    Parameters
-    ----------
-    source : Path or MeasuredLengths
-        A folder of measurement files and pictures, a table of lengths (.csv, .xlsx, .parquet, .nc), a file of
-        outlines (.nc).
-    run : Run
-    store : Store
-        Where the rows are kept.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to identify, or a table comes without its experiment.
-    """
+def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> list[RowsTask]:
+    """List the capsules of a run as tasks, in the order of the rows."""
     if isinstance(source, MeasuredLengths):
         _check_experiment(run, source.source)
         return _table(source, run, store)
@@ -579,25 +449,24 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> Listed:
         if not files:
             expected = f"a folder with measurement files (.toml) or pictures ({', '.join(PICTURES)})"
             raise InputError(str(source), "", expected, "a folder without any")
-        return Listed(
-            [FileTask(store, file, _name_in(source, file)) for file in files],
-            lambda row: measured_file(files[row], run),
-            lambda row: prior_of_file(files[row], run.prior),
-        )
+        return [FileTask(store, file, _name_in(source, file)) for file in files]
     if source.suffix not in (*SHEETS, ".parquet", ".nc"):
         expected = "a folder, a .csv, .xlsx, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
     _check_experiment(run, str(source))
     if is_table_of_lengths(source):
         return _table(MeasuredLengths.read(source), run, store)
-    found = read_set(source, run.experiment)
-    seen = found.measurements
-    tasks: list[RowsTask] = [
-        OutlinesTask(store, seen[first : first + _EXACT_ROWS]) for first in range(0, len(seen), _EXACT_ROWS)
-    ]
-    if found.left_out:
-        tasks.append(OutlinesTask(store, (), found.left_out))
-    return Listed(tasks, lambda row: seen[row], lambda row: run.prior)
+    measured = read_set(source, run.experiment)
+    seen, left_out = measured.measurements, measured.left_out
+    tasks = [OutlinesTask(store, seen[first : first + _EXACT_ROWS]) for first in range(0, len(seen), _EXACT_ROWS)]
+    return [*tasks, *([OutlinesTask(store, (), left_out)] if left_out else [])]
+
+
+def capsule_at(row: int, tasks: Sequence[RowsTask], run: Run) -> tuple[Measurement, Prior]:
+    """Return what was measured of the capsule of a row of all tasks, and its prior."""
+    ends = np.cumsum([task.number for task in tasks])
+    number = int(np.searchsorted(ends, row, side="right"))
+    return tasks[number].capsule(row - int(ends[number]) + tasks[number].number, run)
 
 
 def _check_experiment(run: Run, source: str) -> None:
@@ -606,16 +475,13 @@ def _check_experiment(run: Run, source: str) -> None:
         raise InputError(source, "experiment", "the experiment of the capsules", "nothing", advice)
 
 
-def _table(measured: MeasuredLengths, run: Run, store: Store) -> Listed:
+def _table(measured: MeasuredLengths, run: Run, store: Store) -> list[RowsTask]:
     """List the rows of a table; a velocity or flow rate that is hardly known is refused."""
     for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
         expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
         measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
     rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS
-    tasks: list[RowsTask] = [
-        TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)
-    ]
-    return Listed(tasks, measured.measurement, lambda row: run.prior.with_texts(measured.prior_texts(row)))
+    return [TableTask(store, measured.taken(slice(first, first + rows))) for first in range(0, len(measured), rows)]
 
 
 def _name_in(folder: Path, file: Path) -> str:
@@ -627,13 +493,7 @@ def _name_in(folder: Path, file: Path) -> str:
 
 
 def capsule_files(folder: Path) -> list[Path]:
-    """Return measurement files and pictures of a folder, and measurement files further down, as of films.
-
-    Raises
-    ------
-    InputError
-        If a film or an .rtdc file in the folder is not measured yet.
-    """
+    """Return measurement files and pictures of a folder, and measurement files further down, as of films."""
     return [*measurement_files(folder), *pictures_of(folder)]
 
 
@@ -657,20 +517,7 @@ def common_experiment(source: Path) -> Experiment | None:
 
 
 def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple[str, str]:
-    """Return cross-section of the channel and view of the outlines, by the first capsule that states them.
-
-    Parameters
-    ----------
-    source : Path
-        As of `listed`.
-    experiment : Experiment, optional
-        Replaces that which the capsules name.
-
-    Raises
-    ------
-    InputError
-        If nothing is there, or nothing states the cross-section: naming the first capsule that cannot be read, if any.
-    """
+    """Return cross-section of the channel and view of the outlines, by the first capsule that states them."""
     check_there(source)
     view, refused = MID_PLANE, None
     if source.is_dir():
@@ -714,26 +561,14 @@ _AGREES = 0.1  # standard deviation
 
 @dataclass(frozen=True)
 class Compared:
-    """Largest differences between sampled posteriors and rows, over all quantities of the capsules checked.
-
-    Parameters
-    ----------
-    capsules : int
-        Number of capsules checked.
-    agreeing : int
-        Number of capsules whose medians and ends of intervals agree within 0.1 standard deviation, in every quantity.
-    median, ends_68, ends_95 : float
-        Largest difference of a median and of an end of the intervals, in standard deviations.
-    wider : int
-        Number of the other capsules of which only ends differ, and lie farther out in the row.
-    """
+    """Largest differences between sampled posteriors and rows, over all quantities of the capsules checked."""
 
     capsules: int
-    agreeing: int
-    median: float
+    agreeing: int  # those whose medians and ends agree in every quantity
+    median: float  # largest difference of a median and of an end of the intervals, in standard deviations
     ends_68: float
     ends_95: float
-    wider: int
+    wider: int  # of the others: those of which only ends differ, and lie farther out in the row
 
     def __str__(self) -> str:
         others = self.capsules - self.agreeing
@@ -747,27 +582,13 @@ class Compared:
             f"{self.ends_68:.3f} sd, those of 95 % intervals by {self.ends_95:.3f} sd{wider if others else ''}"
         )
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the fields by name."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class CheckTask(StoredTask):
-    """One capsule, to be sampled.
-
-    Parameters
-    ----------
-    store : Store
-    measurement : Measurement
-    summaries : (7, 7) array
-        Of its row.
-    seed : int
-    prior : Prior
-    """
+    """One capsule, to be sampled."""
 
     measurement: Measurement
-    summaries: Floats
+    summaries: Floats  # (7, 7), of its row
     seed: int
     prior: Prior
     kind: ClassVar[str] = "check"
@@ -776,13 +597,14 @@ class CheckTask(StoredTask):
         return self.seed, self.measurement.source, self.measurement, self.summaries, self.prior
 
     @property
-    def differences(self) -> Floats | None:
-        """Of median, lower and upper ends of the 68 % and of the 95 % interval : (7, 5) array, None if not done.
+    def differences(self) -> Floats:
+        """Of median, lower and upper ends of the 68 % and of the 95 % interval, in standard deviations : (7, 5) array.
 
-        In standard deviations; that of an end is positive where the row has it farther out.
+        That of an end is positive where the row has it farther out.
         """
         values = self.store.load(self.name)
-        return None if values is None else values["differences"]
+        assert values is not None, "the workers see the same files"
+        return np.asarray(values["differences"])
 
     def __call__(self, run: Run) -> None:
         """Sample the capsule and keep the differences."""
@@ -810,35 +632,19 @@ def compared(differences: Sequence[Floats]) -> Compared:
     return Compared(len(away), int(np.count_nonzero(agreeing)), *largest, int(np.count_nonzero(wider)))
 
 
-def drawn_rows(usable: Booleans, share: float, most: int, seed: int) -> NDArray[np.intp]:
-    """Draw the rows to check at random: a share of those that can be checked, at least one."""
-    rows = np.flatnonzero(usable)
-    number = min(int(np.ceil(share * len(rows))), most, len(rows))
-    return np.sort(np.random.default_rng([seed, 2]).choice(rows, size=number, replace=False))
-
-
 @dataclass(frozen=True)
 class ChainTask:
-    """One capsule, whose posterior is sampled with emcee and written.
-
-    Parameters
-    ----------
-    measurement : Measurement
-    prior : Prior
-    file : Path
-        Where the posterior goes, as `capsbayes identify` writes it.
-    digest : str
-        Hash of what it is computed from.
-    """
+    """One capsule, whose posterior is sampled with emcee and written."""
 
     measurement: Measurement
     prior: Prior
-    file: Path
-    digest: str
+    file: Path  # where the posterior goes, as `capsbayes identify` writes it
+    digest: str  # hash of what it is computed from
 
     @classmethod
-    def of(cls, measurement: Measurement, prior: Prior, folder: Path, row: int, name: str, run: Run) -> ChainTask:
+    def of(cls, row: int, name: str, tasks: Sequence[RowsTask], folder: Path, run: Run) -> ChainTask:
         """Return the task of one row, whose file is named by number and name."""
+        measurement, prior = capsule_at(row, tasks, run)
         experiment = run.experiment_of(measurement)
         digest = digest_of(run.fingerprint, measurement.source, measurement, experiment, prior)
         file = folder / f"{row + 1:06d}-{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.nc"
@@ -958,27 +764,26 @@ def identify_folder(
     check_coordinates(model, run.prior)
     if experiment is not None:
         model.check_experiment(experiment)
-    pool = _Pool(run, scheduler, workers, progress)
+    finish = functools.partial(_finish, run=run, scheduler=scheduler, workers=workers, progress=progress)
     store = Store(parts, run.fingerprint)
     with only_run(out), keeping(parts), refusing(parts, "a folder that can be written"):
-        found = listed(given, run, store)
-        pool.finish(found.tasks, "parts")
-        rows = CapsuleRows.joined(map(_read, found.tasks), sum(task.number for task in found.tasks))
+        tasks = listed(given, run, store)
+        finish(tasks, "parts")
+        rows = CapsuleRows.joined((task.rows for task in tasks), sum(task.number for task in tasks))
         attributes = _attributes(run, str(given) if isinstance(given, Path) else given.source)
         population = Population.of(rows, attributes, limit_of(model))
         population.write(out.with_suffix(".csv"))
-        agreement = _checked(population, found, store, check, most_checked, pool)
-        if agreement is not None:
-            population.dataset.attrs["agreement"] = json.dumps(agreement.as_dict())
+        checks = _checks(population, tasks, run, store, check, most_checked)
+        if checks:
+            finish(checks, "capsules sampled")
+            agreement = compared([task.differences for task in checks])
+            population.dataset.attrs["agreement"] = json.dumps(asdict(agreement))
         population.write(out)
         if chains is not None:
             make_folder(Path(chains))
-            usable = {int(row): str(population["name"][row]) for row in _with_result(population)}
-            drawn = [
-                ChainTask.of(found.measurement(row), found.prior(row), Path(chains), row, name, run)
-                for row, name in usable.items()
-            ]
-            pool.finish(drawn, "chains")
+            usable = np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"])).tolist()
+            names = population["name"]
+            finish([ChainTask.of(row, str(names[row]), tasks, Path(chains), run) for row in usable], "chains")
         if not (isinstance(given, Path) and given.is_dir()):
             shutil.rmtree(parts)
     return population
@@ -995,41 +800,34 @@ def _check_outputs(given: Path | MeasuredLengths, out: Path, parts: Path) -> Non
     check_parts(parts)
 
 
-@dataclass(frozen=True)
-class _Pool:
-    """Scheduler of the tasks."""
+def _finish(
+    tasks: Sequence[StoredTask | ChainTask],
+    what: str,
+    *,
+    run: Run,
+    scheduler: str | None,
+    workers: int | None,
+    progress: bool,
+) -> None:
+    """Run the tasks that are not done; again those still missing if a worker was killed."""
+    names = {task.file.name for task in tasks}
 
-    run: Run
-    scheduler: str | None
-    workers: int | None
-    progress: bool
+    def count() -> tuple[int, str]:  # by one look into their folder: there may be a hundred thousand files
+        folder = tasks[0].file.parent if tasks else None
+        present = os.listdir(folder) if folder is not None and folder.exists() else ()
+        return len(names.intersection(present)), what
 
-    def finish(self, tasks: Sequence[StoredTask | ChainTask], what: str) -> None:
-        """Run the tasks that are not done; again those still missing if a worker was killed."""
-        names = {task.file.name for task in tasks}
-
-        def count() -> tuple[int, str]:  # by one look into their folder: there may be a hundred thousand files
-            folder = tasks[0].file.parent if tasks else None
-            there = os.listdir(folder) if folder is not None and folder.exists() else ()
-            return len(names.intersection(there)), what
-
-        with progress_bar(len(names), what, show=self.progress, count=count):
-            for attempt in range(_ATTEMPTS):
-                missing = [task for task in tasks if not task.done]
-                try:
-                    run_tasks(missing, self.scheduler, self.workers, self.run)
-                    return
-                except BrokenProcessPool:
-                    left = _ATTEMPTS - attempt - 1
-                    _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
-        advice = "give it more memory or fewer workers, and start again: what is finished is kept"
-        raise InputError("workers", "", "workers that run to their end", "one killed at each attempt", advice)
-
-
-def _read(task: RowsTask) -> CapsuleRows:
-    rows = task.rows
-    assert rows is not None, "the workers see the same files"
-    return rows
+    with progress_bar(len(names), what, show=progress, count=count):
+        for attempt in range(_ATTEMPTS):
+            missing = [task for task in tasks if not task.done]
+            try:
+                run_tasks(missing, scheduler, workers, run)
+                return
+            except BrokenProcessPool:
+                left = _ATTEMPTS - attempt - 1
+                _logger.warning("A worker was killed; what is finished is kept. Attempts left: %d.", left)
+    advice = "give it more memory or fewer workers, and start again: what is finished is kept"
+    raise InputError("workers", "", "workers that run to their end", "one killed at each attempt", advice)
 
 
 def _attributes(run: Run, source: str) -> dict[str, Any]:
@@ -1052,23 +850,16 @@ def _attributes(run: Run, source: str) -> dict[str, Any]:
     }
 
 
-def _with_result(population: Population) -> NDArray[np.intp]:
-    return np.flatnonzero(np.isfinite(population["surface_shear_modulus_median"]))
-
-
-def _checked(
-    population: Population, found: Listed, store: Store, share: float, most: int, pool: _Pool
-) -> Compared | None:
-    """Compare rows with sampling; return None if no capsule can be compared or none shall be."""
-    rows = drawn_rows(population.usable, share, most, int(population.dataset.attrs["seed"]))
-    if not len(rows):
-        return None
-    names = [f"{name}_{statistic}" for name in REPORTED for statistic in STATISTICS]
-    summaries = np.stack([population[name][rows] for name in names], axis=1).reshape(len(rows), len(REPORTED), -1)
-    seed = int(population.dataset.attrs["seed"])
-    tasks = [
-        CheckTask(store, found.measurement(row), of_row, seed, found.prior(row))
-        for row, of_row in zip(map(int, rows), summaries, strict=True)
-    ]
-    pool.finish(tasks, "capsules sampled")
-    return compared([task.differences for task in tasks if task.differences is not None])
+def _checks(
+    population: Population, tasks: Sequence[RowsTask], run: Run, store: Store, share: float, most: int
+) -> list[CheckTask]:
+    """Return the tasks that sample capsules drawn at random, a share of those that can be used, at least one."""
+    usable = np.flatnonzero(population.usable)
+    number = min(int(np.ceil(share * len(usable))), most, len(usable))
+    rows = np.random.default_rng([run.seed, 2]).choice(usable, size=number, replace=False) if number else usable[:0]
+    checks = []
+    for row in sorted(rows.tolist()):
+        measurement, prior = capsule_at(row, tasks, run)
+        summaries = np.array([[population[f"{name}_{each}"][row] for each in STATISTICS] for name in REPORTED])
+        checks.append(CheckTask(store, measurement, summaries, run.seed, prior))
+    return checks

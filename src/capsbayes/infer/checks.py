@@ -17,21 +17,7 @@ _QUANTILES_AGREE = 0.1
 
 @dataclass(frozen=True)
 class Gate:
-    """One condition on a number.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-        The number found.
-    least, most : float
-        Limits between which it must lie.
-
-    Examples
-    --------
-    >>> str(Gate("stuck walkers", 2, most=0))
-    'stuck walkers: 2, wanted at most 0 (FAILED)'
-    """
+    """One condition on a number."""
 
     name: str
     value: float
@@ -59,23 +45,12 @@ class Gate:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Largest differences of two engines.
+    """Largest differences of two engines: over the logarithms of all quantities but further coordinates."""
 
-    Parameters
-    ----------
-    mean, sd, quantile : float
-        Largest difference of the means and of the quantiles, in standard deviations, and of the standard deviations
-        (or of the widths of the intervals, where these differ less), relative; over the logarithms of all quantities
-        but a further coordinate of the model, taken as it is.
-    worst : str
-        The quantity that differs most.
-    passed : bool
-    """
-
-    mean: float
-    sd: float
+    mean: float  # of means and quantiles, in standard deviations
+    sd: float  # of standard deviations, or of the widths of intervals where these differ less; relative
     quantile: float
-    worst: str
+    worst: str  # quantity, by its difference
     passed: bool
 
     def __str__(self) -> str:
@@ -87,15 +62,7 @@ class Agreement:
 
 
 def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) -> Agreement:
-    """Compare the draws of an engine with the summaries of another, both of the logarithms of positive quantities.
-
-    Parameters
-    ----------
-    draws : mapping of arrays
-        Of the quantities themselves.
-    reference : mapping of Marginal
-        Of their logarithms; of those of `COORDINATES`, which may vanish, of the quantities themselves.
-    """
+    """Compare the draws of an engine with the summaries of another, both of the logarithms of positive quantities."""
     means, sds, quantiles = {}, {}, {}
     for name, other in reference.items():
         if other.sd <= 1e-12:
@@ -113,10 +80,8 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
 
 
 def _widths_differ(this: Marginal, other: Marginal) -> float:
-    """Return the relative difference of the widths of the 68 % and of the 95 % intervals, the larger of the two.
-
-    A distant shape with 1e-5 of the probability widens the standard deviation of the grid by 10 %, but no interval, and
-    walkers do not find it: then the widths decide.
-    """
+    """Return the relative difference of the widths of the 68 % and of the 95 % intervals, the larger of the two."""
+    # A distant shape with 1e-5 of the probability widens the standard deviation of the grid by 10 %, but no interval,
+    # and walkers do not find it: then the widths decide.
     widths = [(summary.upper_68 - summary.lower_68, summary.upper_95 - summary.lower_95) for summary in (this, other)]
     return max(abs(here / there - 1.0) for here, there in zip(*widths, strict=True))

@@ -31,58 +31,30 @@ _PILOTS = 2  # shapes about which the distances of an outline are linear, one af
 
 
 class Reduced(NamedTuple):
-    """One measured shape: up to a constant, minus twice its log likelihood is |target - rows numbers|^2.
+    """One measured shape: up to a constant, minus twice its log likelihood is |target - rows numbers|^2."""
 
-    Parameters
-    ----------
-    rows : (q, k) array
-    target : (q,) array
-    scale : (q,) array
-        Change of rows numbers if the capsule is larger, relative.
-    left : float
-        Misfit that no shape takes away.
-    known : int
-        Number of measured numbers.
-    """
-
-    rows: Floats
-    target: Floats
-    scale: Floats
-    left: float
-    known: int
+    rows: Floats  # (q, k)
+    target: Floats  # (q,)
+    scale: Floats  # (q,): change of rows numbers if the capsule is larger, relative
+    left: float  # misfit that no shape takes away
+    known: int  # measured numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Measured capsules that share a membrane.
+    """Measured capsules that share a membrane."""
 
-    Parameters
-    ----------
-    rows, target, scale : (n, q, k), (n, q), (n, q) arrays
-        See `Reduced`.
-    left, known : (n,) arrays
-    log_velocity, velocity_error : (n,) arrays
-        ln(v_o / (m/s)) and the relative standard error, with that of the model once this is known; U in place of v_o,
-        and infinite, where the flow rate alone was measured.
-    log_mean_velocity : (n,) array
-        ln(U / (m/s)) by the flow rate, NaN where none was given.
-    group : (n,) array
-        Number of the flow, slow to fast.
-    scale_error, rate_error : float
-        Relative standard errors that all share: of the lengths, of U by the flow rate.
-    """
-
-    rows: Floats
-    target: Floats
-    scale: Floats
-    left: Floats
-    known: Integers
-    log_velocity: Floats
-    velocity_error: Floats
-    log_mean_velocity: Floats
-    group: Integers
-    scale_error: float
-    rate_error: float
+    rows: Floats  # (n, q, k), see `Reduced`
+    target: Floats  # (n, q)
+    scale: Floats  # (n, q)
+    left: Floats  # (n,)
+    known: Integers  # (n,)
+    log_velocity: Floats  # (n,): ln(v_o / (m/s)), of U where the flow rate alone was measured
+    velocity_error: Floats  # (n,): relative, with the model's own once this is known; infinite without a velocity
+    log_mean_velocity: Floats  # (n,): ln(U / (m/s)) by the flow rate, NaN where none was given
+    group: Integers  # (n,): number of the flow, slow to fast
+    scale_error: float  # relative, of the lengths of all alike
+    rate_error: float  # relative, of U by the flow rate of all alike
 
     def __len__(self) -> int:
         return len(self.target)
@@ -95,20 +67,10 @@ class Batch:
         return replace(self, **each)
 
     def with_model_error(self, covariances: Floats, ratio_error: Floats, sharing: Floats) -> Batch:
-        """Return the same with the model's own error in the errors of the measurements.
-
-        The error is nearly the same for capsules that have nearly the same Ca and a/l, and must not be averaged away
-        over them: its variance counts as often as capsules share it. Then the mean over them is as uncertain as it is.
-
-        Parameters
-        ----------
-        covariances : (n, k, k) array
-            Of the error of the numbers.
-        ratio_error : (n,) array
-            Standard error of ln(v_o/U).
-        sharing : (n,) array
-            Number of the capsules that share it, the sum of the correlations.
-        """
+        """Return the same with the model's own error in the errors of the measurements."""
+        # The error is nearly the same for capsules that have nearly the same Ca and a/l, and must not be averaged away
+        # over them: its variance counts as often as capsules share it. Then the mean over them is as uncertain as it
+        # is.
         own = sharing[:, None, None] * (self.rows @ covariances @ self.rows.swapaxes(1, 2))
         factor: Floats = np.asarray(np.linalg.cholesky(own + np.eye(own.shape[1])), dtype=np.float64)
         columns = np.concatenate([self.rows, self.target[..., None], self.scale[..., None]], axis=-1)
@@ -121,23 +83,7 @@ class Batch:
 def batch_of(
     measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate, *, scale_error: float = 0.0
 ) -> Batch:
-    """Reduce the measurements of a batch.
-
-    Parameters
-    ----------
-    measurements : sequence of Measurement
-        All with outlines, or all with lengths alone, over l.
-    experiment : Experiment
-        Of all.
-    model : MembraneSurrogate
-    scale_error : float
-        Relative standard error of the lengths that all capsules share, as that of the size of a pixel.
-
-    Raises
-    ------
-    InputError
-        If some capsules have outlines and others none.
-    """
+    """Reduce the measurements of a batch."""
     with_outline = [measurement.outline is not None for measurement in measurements]
     if any(with_outline) and not all(with_outline):
         odd = measurements[with_outline.index(not with_outline[0])]
@@ -194,10 +140,8 @@ def _of_lengths(measurement: Measurement) -> Reduced:
 
 
 def _of_outline(measurement: Measurement, model: MembraneSurrogate, coefficients: Floats, shapes: Floats) -> Reduced:
-    """Reduce an outline: its distances are linear in the coefficients of the modes about a pilot that is near it.
-
-    `coefficients` (s, k) and `shapes` (s, p, 2) are those of the stored states.
-    """
+    """Reduce an outline: its distances are linear in the coefficients of the modes about a pilot that is near it."""
+    # `coefficients` (s, k) and `shapes` (s, p, 2) are those of the stored states.
     assert measurement.outline is not None
     found = coefficients[_nearest(measurement.outline, shapes)]
     length = measurement.length_with_outline
@@ -246,51 +190,27 @@ def _linear(
 
 
 class Shapes(NamedTuple):
-    """Shapes at n points; rows of NaN where the model has no answer.
+    """Shapes at n points; rows of NaN where the model has no answer."""
 
-    Parameters
-    ----------
-    numbers : (n, k) array
-        L_z and L_a [l], or coefficients of the modes of outlines [l], and L_a behind them.
-    covariances : (n, k, k) array
-        Of the model's own error in the numbers; (n, 0, 0) if it was not asked for.
-    log_ratio : (n,) array
-        ln(v_o/U).
-    ratio_error : (n,) array
-        The model's own standard error of it.
-    """
-
-    numbers: Floats
-    covariances: Floats
-    log_ratio: Floats
-    ratio_error: Floats
+    numbers: Floats  # (n, k): L_z and L_a [l], or coefficients of the modes of outlines [l], and L_a behind them
+    covariances: Floats  # (n, k, k): of the model's own error in the numbers; (n, 0, 0) if it was not asked for
+    log_ratio: Floats  # (n,): ln(v_o/U)
+    ratio_error: Floats  # (n,): the model's own standard error of it
 
 
 class Slopes(NamedTuple):
-    """To first order, m times the changes of shapes at n points; rows of NaN where the model has no answer.
+    """To first order, m times the changes of shapes at n points; rows of NaN where the model has no answer."""
 
-    Parameters
-    ----------
-    numbers : (m, n, k) array
-    log_ratio : (m, n) array
-    """
-
-    numbers: Floats
-    log_ratio: Floats
+    numbers: Floats  # (m, n, k)
+    log_ratio: Floats  # (m, n)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeModel(ABC):
-    """From parameters to `Shapes`.
-
-    Parameters
-    ----------
-    model : MembraneSurrogate
-    half_width : float [m]
-    """
+    """From parameters to `Shapes`."""
 
     model: MembraneSurrogate
-    half_width: float
+    half_width: float  # [m]
 
     @abstractmethod
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
@@ -298,10 +218,8 @@ class ShapeModel(ABC):
 
     @abstractmethod
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        """Return the shapes at n points without the error of their numbers, and how they change if the points move.
-
-        `moved` are further n points each.
-        """
+        """Return the shapes at n points without the error of their numbers, and how they change if the points move."""
+        # `moved` are further n points each.
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -314,10 +232,8 @@ class ShapeModel(ABC):
         return self.model.error_lengths
 
     def places(self, membranes: Mapping[str, Floats], own: Floats) -> Floats:
-        """Return places of d membranes, the capsules at (d, n, o) : (d, 4) array.
-
-        Over a distance of one the model's own error changes.
-        """
+        """Return places of d membranes, the capsules at (d, n, o) : (d, 4) array."""
+        # Over a distance of one the model's own error changes.
         middle = own[..., :2].mean(axis=1, keepdims=True)
         return self.model.membrane_places(self.theta(membranes, middle))
 
@@ -329,10 +245,8 @@ class ShapeModel(ABC):
         return inside.reshape(own.shape[:2])
 
     def theta(self, membranes: Mapping[str, Floats], own: Floats) -> dict[str, Floats]:
-        """Return what the model reads at places (d, n, o), by name : (d n,) arrays.
-
-        A place is ln Ca and a/l, and perhaps the logarithm of the pre-inflation over that of the membrane.
-        """
+        """Return what the model reads at places (d, n, o), by name : (d n,) arrays."""
+        # A place is ln Ca and a/l, and perhaps the logarithm of the pre-inflation over that of the membrane.
         theta = {name: np.repeat(values, own.shape[1]) for name, values in membranes.items()}
         size = own[..., 1].ravel()
         if own.shape[2] > 2:
@@ -347,13 +261,11 @@ class Lengths(ShapeModel):
     """Shapes as their lengths L_z and L_a."""
 
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        """Return the shapes at n points."""
         seen = self.model(theta)
         numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
         return _shapes(seen, numbers, seen.covariance[:, :2, :2])
 
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        """Return the shapes at n points, and how they change."""
         seen, _, changes = self.model.with_changes(theta, moved, outline=False)
         numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
         shapes = _shapes(seen, numbers, seen.covariance[:, :0, :0])
@@ -364,12 +276,10 @@ class Outlines(ShapeModel):
     """Shapes as the coefficients of the modes of their outlines, and L_a."""
 
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        """Return the shapes at n points."""
         seen, coefficients, covariances = self.model.with_coefficients(theta, errors=errors)
         return _shapes(seen, np.column_stack([coefficients, seen.axial_length]), covariances)
 
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        """Return the shapes at n points, and how they change."""
         seen, coefficients, changes = self.model.with_changes(theta, moved, outline=True)
         shapes = _shapes(seen, np.column_stack([coefficients, seen.axial_length]), seen.covariance[:, :0, :0])
         numbers = np.concatenate([changes[..., 4:], changes[..., 1:2]], axis=-1)
@@ -386,18 +296,15 @@ def _shapes(seen: Prediction, numbers: Floats, covariances: Floats) -> Shapes:
 # At a given membrane and spread of the population each capsule has two unknowns of its own, ln Ca and a/l, and a third
 # where the pre-inflation varies: the logarithm of its own over the median of the batch. All have in common the means of
 # ln G_s and of a/l, and the errors of the scale of the lengths and of the flow rate. The differences between
-# measurement
-# and prediction are nearly linear in all of these. So their best values follow from a few Gauss-Newton steps, and the
-# integral over them from the curvature there (integrated nested Laplace approximation: Rue, Martino, Chopin 2009,
-# doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a block for each capsule:
-# the work is proportional to the number of capsules
+# measurement and prediction are nearly linear in all of these. So their best values follow from a few Gauss-Newton
+# steps, and the integral over them from the curvature there (integrated nested Laplace approximation: Rue, Martino,
+# Chopin 2009, doi:10.1111/j.1467-9868.2008.00700.x). The normal equations have the shape of an arrow, with a block for
+# each capsule: the work is proportional to the number of capsules
 
 _LATTICE = 20, 10  # places along ln Ca and a/l, among which a capsule is looked for first
 _UNUSUAL = 0.3  # of ln G_s, that a capsule of the lattice may differ by from the others
-OWN_STEPS = (2e-3, 1e-3, 2e-2)
-"""Of ln Ca, a/l and ln(alpha/median), for differences."""
-STEP = 0.02
-"""Of a coordinate's normal score, for differences."""
+OWN_STEPS = (2e-3, 1e-3, 2e-2)  # of ln Ca, a/l and ln(alpha/median), for differences
+STEP = 0.02  # of a coordinate's normal score, for differences
 _LONGEST = np.array([0.5, 0.05, 0.3])  # step
 _ITERATIONS, _SETTLED = 16, 1e-2  # largest decrease of minus twice the log density that is still expected
 _WALKED = 5  # steps that may be needed until the best values are near
@@ -406,18 +313,16 @@ _STALLED = 0.99  # of the decrease expected before, above which steps lead nowhe
 _HELD = 0.3  # standard deviations that are left to go, above which a capsule is held
 _HALVINGS = 5
 _FLAT = 1e-9  # of the diagonal, so that what the data tell nothing of has an inverse
-MODULUS, SIZE, SCALE, RATE = range(4)
-"""Columns of what is common."""
+MODULUS, SIZE, SCALE, RATE = range(4)  # columns of what is common
 COMMON = 4
 
 Membranes = Mapping[str, Floats]
 
 
 class Spreads(NamedTuple):
-    """Standard deviations from capsule to capsule of ln G_s, of a/l and of ln alpha, at d membranes : (d,) arrays.
+    """Standard deviations from capsule to capsule of ln G_s, of a/l and of ln alpha, at d membranes : (d,) arrays."""
 
-    The last is None if all have the same pre-inflation.
-    """
+    # The last is None if all have the same pre-inflation.
 
     modulus: Floats
     size: Floats
@@ -442,57 +347,30 @@ class Start(NamedTuple):
 
 
 class Conditional(NamedTuple):
-    """What is known at d membranes.
+    """What is known at d membranes."""
 
-    Parameters
-    ----------
-    log_evidence : (d,) array
-        Log density of the measurements, up to a constant of the batch; -inf where a capsule cannot have its shape.
-    settled : (d,) array
-        Share of the capsules whose best values were found; the others are held by the border of the domain.
-    own : (d, n, o) array
-        ln Ca, a/l and, where it varies, the logarithm of the pre-inflation over its median: the best values, or one
-        draw if draws were asked for.
-    common : (d, 4) array
-        What is common, likewise.
-    """
-
-    log_evidence: Floats
-    settled: Floats
-    own: Floats
-    common: Floats
+    log_evidence: Floats  # (d,): of the measurements, up to a constant of the batch; -inf where a capsule has no shape
+    settled: Floats  # (d,): share of the capsules not held by the border of the domain
+    own: Floats  # (d, n, o): ln Ca, a/l, perhaps ln(alpha/median): the best values, or a draw if draws were asked for
+    common: Floats  # (d, 4): what is common, likewise
 
 
 class Step(NamedTuple):
-    """A step along all unknowns of d membranes.
+    """A step along all unknowns of d membranes."""
 
-    Parameters
-    ----------
-    scores : (d, f) array
-        Of the membranes' normal scores.
-    common, own : (d, 4), (d, n, o) arrays
-    decrease : (d,) array
-        Of minus twice the log density, as expected.
-    covariance : (d, 4 + f, 4 + f) array
-        Of what is common and the normal scores, by the curvature.
-    log_ratio : (d, n) array
-        ln(v_o/U) before the step.
-    """
-
-    scores: Floats
-    common: Floats
-    own: Floats
-    decrease: Floats
-    covariance: Floats
-    log_ratio: Floats
+    scores: Floats  # (d, f): of the membranes' normal scores
+    common: Floats  # (d, 4)
+    own: Floats  # (d, n, o)
+    decrease: Floats  # (d,): of minus twice the log density, as expected
+    covariance: Floats  # (d, 4 + f, 4 + f): of what is common and the normal scores, by the curvature
+    log_ratio: Floats  # (d, n): ln(v_o/U) before the step
 
 
 class _Blocks(NamedTuple):
-    """Normal equations of each capsule at d membranes; c unknowns are common to all, those of the membranes last.
+    """Normal equations of each capsule at d membranes; c unknowns are common to all, those of the membranes last."""
 
-    own (d, n, o, o), cross (d, n, c, o), common (d, n, c, c), their right sides own_slope (d, n, o) and common_slope
-    (d, n, c), and minus twice the log density (d, n).
-    """
+    # own (d, n, o, o), cross (d, n, c, o), common (d, n, c, c), their right sides own_slope (d, n, o) and common_slope
+    # (d, n, c), and minus twice the log density (d, n).
 
     own: Floats
     cross: Floats
@@ -523,19 +401,11 @@ class _There(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Capsules:
-    """The capsules of a batch, to be found at given membranes.
-
-    Parameters
-    ----------
-    batch : Batch
-    model : ShapeModel
-    log_viscosity : float
-        ln(mu / (Pa s)).
-    """
+    """The capsules of a batch, to be found at given membranes."""
 
     batch: Batch
     model: ShapeModel
-    log_viscosity: float
+    log_viscosity: float  # ln(mu / (Pa s))
 
     def at(
         self,
@@ -546,53 +416,38 @@ class Capsules:
         rng: np.random.Generator | None = None,
         iterations: int = _ITERATIONS,
     ) -> Conditional:
-        """Find the capsules at d membranes, or draw them if a generator is given.
-
-        Parameters
-        ----------
-        membranes : mapping of (d,) arrays
-            The model's further coordinates by name.
-        spreads : Spreads
-        start : Start, optional
-            Values near the best ones; default: they are looked for on a lattice.
-        rng : Generator, optional
-        iterations : int
-            At most.
-        """
+        """Find the capsules at d membranes, or draw them if a generator is given."""
         d = len(spreads.modulus)
         own, common = self._begin(membranes, spreads.own, start)
-        found = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
+        result = Conditional(np.full(d, -np.inf), np.zeros(d), own, common)
         active = np.flatnonzero(np.isfinite(common[:, SIZE]))
-        before, share = np.full(d, np.inf), np.ones(d)
+        before, length = np.full(d, np.inf), np.ones(d)
         for iteration in range(iterations):
             if not len(active):
                 break
-            some = {name: values[active] for name, values in membranes.items()}
-            near = spreads.rows(active)
-            there = self._there(some, own[active])
-            blocks = self._blocks(there, own[active], common[active], near)
+            shapes = self._there(_rows_of(membranes, active), own[active])
+            blocks = self._blocks(shapes, own[active], common[active], spreads.rows(active))
             solved = self._solved(blocks, common[active])
-            done = solved.decrease < _SETTLED
             # at the border of the domain the decrease remains
             stalled = (iteration >= _WALKED) & (solved.decrease > _STALLED * before[active])
-            last = done | stalled | (iteration == iterations - 1)
+            ended = (solved.decrease < _SETTLED) | stalled | (iteration == iterations - 1)
             # where steps go back and forth, as between a convex and a concave rear, shorter ones end
-            share[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * share[active], 1.0)
-            rows, before[active] = active[last], solved.decrease
-            found.log_evidence[rows] = self._log_evidence(blocks, solved, common[active])[last]
+            length[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * length[active], 1.0)
+            before[active] = solved.decrease
+            result.log_evidence[active[ended]] = self._log_evidence(blocks, solved, common[active])[ended]
             left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
-            found.settled[rows] = np.mean(np.all(left < _HELD, axis=2), axis=1)[last]
-            if rng is not None:
-                steps = self._drawn(blocks, solved, rng)
-                solved = solved._replace(own_step=np.where(last[:, None, None], steps[0], solved.own_step))
-                solved = solved._replace(common_step=np.where(last[:, None], steps[1], solved.common_step))
-            moving = np.ones(len(active), dtype=bool) if rng is not None else ~last
-            some = {name: values[moving] for name, values in some.items()}
-            part = np.where(last, 1.0, share[active])[moving]
-            own[active[moving]] = self.moved(some, own[active[moving]], part[:, None, None] * solved.own_step[moving])
-            common[active[moving]] += part[:, None] * solved.common_step[moving]
-            active = active[~last]
-        return found
+            result.settled[active[ended]] = np.mean(np.all(left < _HELD, axis=2), axis=1)[ended]
+            moving, own_step, common_step = ~ended, solved.own_step, solved.common_step
+            if rng is not None:  # the last step is a draw
+                own_draw, common_draw = self._drawn(blocks, solved, rng)
+                own_step = np.where(ended[:, None, None], own_draw, own_step)
+                common_step = np.where(ended[:, None], common_draw, common_step)
+                moving = np.ones(len(active), dtype=bool)
+            rows, size = active[moving], np.where(ended, 1.0, length[active])[moving]
+            own[rows] = self.moved(_rows_of(membranes, rows), own[rows], size[:, None, None] * own_step[moving])
+            common[rows] += size[:, None] * common_step[moving]
+            active = active[~ended]
+        return result
 
     def _begin(self, membranes: Membranes, width: int, start: Start | None) -> Start:
         """Return the start; where it leaves the domain, and where there is none, one from the lattice."""
@@ -605,8 +460,7 @@ class Capsules:
         begin = Start(start.own.copy(), start.common.copy())
         outside = ~np.all(self.model.contains(membranes, begin.own), axis=1)
         if outside.any():
-            some = {name: values[outside] for name, values in membranes.items()}
-            begin.own[outside], begin.common[outside] = self._begin(some, width, None)
+            begin.own[outside], begin.common[outside] = self._begin(_rows_of(membranes, outside), width, None)
         return begin
 
     def step(
@@ -618,10 +472,8 @@ class Capsules:
         moved: Sequence[Membranes],
         scores: Floats,
     ) -> Step:
-        """Return the step towards the best membranes and capsules, from d membranes with normal scores (d, f).
-
-        `moved` are the membranes with one score after the other larger by `STEP`.
-        """
+        """Return the step towards the best membranes and capsules, from d membranes with normal scores (d, f)."""
+        # `moved` are the membranes with one score after the other larger by `STEP`.
         there = self._there(membranes, own, moved)
         every = np.concatenate([common, scores], axis=1)
         blocks = self._blocks(there, own, common, spreads)
@@ -631,10 +483,8 @@ class Capsules:
         return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
 
     def with_model_error(self, membranes: Membranes, own: Floats) -> Capsules:
-        """Return the capsules with the model's own error, as it is at one membrane (1,) and places (n, 2), in theirs.
-
-        Those with nearly the same Ca and a/l share it: the number that share it is the sum of the correlations.
-        """
+        """Return the capsules with the model's own error in theirs: that at one membrane (1,) and places (n, 2)."""
+        # Those with nearly the same Ca and a/l share it: the number that share it is the sum of the correlations.
         there = self.shapes(membranes, own[None], errors=True)
         scaled = own[:, :2] / self.model.error_lengths
         sharing = np.exp(-0.5 * cdist(scaled, scaled, "sqeuclidean")).sum(axis=1)
@@ -653,10 +503,8 @@ class Capsules:
         return _by_place(self.model(self.model.theta(membranes, own), errors=errors), own)
 
     def _first(self, membranes: Membranes) -> tuple[Floats, Floats]:
-        """Return of a lattice of places the best of each capsule, and ln G_s there : (d, n, 2), (d, n) arrays.
-
-        Of two places that look alike, one has the modulus that others have.
-        """
+        """Return of a lattice of places the best of each capsule, and ln G_s there : (d, n, 2), (d, n) arrays."""
+        # of two places that look alike, one has the modulus that others have
         (low, high), (small, large) = self.model.bounds
         axes = np.linspace(np.log(low), np.log(high), _LATTICE[0]), np.linspace(small, large, _LATTICE[1])
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -785,13 +633,16 @@ class Capsules:
         step = step / np.maximum(np.max(np.abs(step) / _LONGEST[: step.shape[-1]], axis=-1, keepdims=True), 1.0)
         rows = np.arange(len(own))  # of the membranes at which a capsule is lost
         for share in (*[0.5] * _HALVINGS, 0.0):
-            some = {name: values[rows] for name, values in membranes.items()}
-            lost = ~self.model.contains(some, own[rows] + step[rows])
+            lost = ~self.model.contains(_rows_of(membranes, rows), own[rows] + step[rows])
             rows, lost = rows[lost.any(axis=1)], lost[lost.any(axis=1)]
             if not len(rows):
                 break
             step[rows] = np.where(lost[..., None], share * step[rows], step[rows])
         return np.asarray(own + step)
+
+
+def _rows_of(membranes: Membranes, rows: Integers | Booleans) -> dict[str, Floats]:
+    return {name: values[rows] for name, values in membranes.items()}
 
 
 def _by_place(shapes: Shapes, own: Floats) -> Shapes:
@@ -808,21 +659,11 @@ _USUAL, _WIDTH = (np.log(0.15), np.log(0.06), np.log(0.2)), np.log(3.0)  # of lo
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Points (normal scores of the unknown coordinates under their priors, logs of the unknown spreads).
+    """Points (normal scores of the unknown coordinates under their priors, logs of the unknown spreads)."""
 
-    Parameters
-    ----------
-    coordinates : tuple of Coordinate
-        Those that are unknown.
-    known : mapping of str to float
-        The others.
-    spreads : tuple of float or None
-        Standard deviations of ln G_s and of a/l from capsule to capsule, and of ln alpha if it varies; None if unknown.
-    """
-
-    coordinates: tuple[Coordinate, ...]
+    coordinates: tuple[Coordinate, ...]  # the unknown ones
     known: Mapping[str, float] = field(default_factory=dict)
-    spreads: tuple[float | None, ...] = (None, None)
+    spreads: tuple[float | None, ...] = (None, None)  # of ln G_s and a/l, and of ln alpha if it varies; None: unknown
 
     @classmethod
     def of(

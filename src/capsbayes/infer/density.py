@@ -12,14 +12,14 @@ so the inputs integrate to the probability that G_s and a lie in their ranges,
 a function of one number each, whatever the distributions of the inputs are.
 
 A flow rate Q ties v_o, l and v_o/U together: Q r / (A v_o) = 1 with the area A of the cross-section. With log-normal
-v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `kernel.Flow`.
+v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `Flow`.
 Where v_o was not measured, its variance is infinite: there is no such factor, U = Q / (A l^2), and v_o = U r is
 predicted. The powers above are then (Ca A)^-g, Q^g p(Q) and l^(k - 2g) p(l).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from scipy.special import logsumexp
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.experiment import capsule_radius, mean_velocity, membrane_thickness, surface_shear_modulus
 from capsbayes.infer.likelihood import Flow, LengthsLikelihood, ModelAtPoints, flow_mismatch, given_flow
-from capsbayes.infer.log_grid import LogGrid, resampled, scaled
+from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline import AnyOutline
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
@@ -47,27 +47,14 @@ _Scaled = tuple[Quantity, LogGrid, Floats]
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDensity:
-    """Posterior density of one capsule, up to a constant.
-
-    Parameters
-    ----------
-    likelihood : LengthsLikelihood
-    prior : Prior
-    inputs : Inputs
-    error_scale : float
-        Factor on the standard errors of the model, one except in sensitivity studies.
-    coordinates : tuple of Coordinate
-        Further coordinates of the model, on which the shape depends too.
-    outline : OutlineLikelihood or TabulatedOutline, optional
-        Replaces the likelihood of the lengths, which then only serves to find the posterior.
-    """
+    """Posterior density of one capsule, up to a constant."""
 
     likelihood: LengthsLikelihood
     prior: Prior
     inputs: Inputs
-    error_scale: float = 1.0
-    coordinates: tuple[Coordinate, ...] = ()
-    outline: AnyOutline | None = None
+    error_scale: float = 1.0  # factor on the standard errors of the model, one except in sensitivity studies
+    coordinates: tuple[Coordinate, ...] = ()  # further coordinates of the model, on which the shape depends too
+    outline: AnyOutline | None = None  # in place of the lengths, which then only serve to find the posterior
     _tables: dict[Quantity, tuple[Floats, Floats]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -91,17 +78,7 @@ class PosteriorDensity:
         *,
         outline: bool = True,
     ) -> ModelAtPoints:
-        """Evaluate a model, Lambda included; everything is NaN outside its domain.
-
-        Parameters
-        ----------
-        model : ForwardModel
-        ca, size : (n,) arrays [-]
-        further : mapping of (n,) arrays, optional
-            The further coordinates of the model by name.
-        outline : bool
-            Evaluate the log density of the outline too, which costs a hundred times as much as all else.
-        """
+        """Evaluate a model, Lambda included; everything is NaN outside its domain."""
         theta = {"capillary_number": ca, "size_ratio": size, **(further or {})}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
@@ -176,21 +153,7 @@ class PosteriorDensity:
     def log_density(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats:
-        """Return the log of the integrated posterior density over (log Ca, a/l), without the factor of `log_share`.
-
-        Parameters
-        ----------
-        model : ModelAtPoints
-            The model there.
-        log_ca, size : arrays of one shape
-        half_width : array that broadcasts with them, optional [m]
-            Given where l is a dimension of its own; else its central value is used.
-
-        Returns
-        -------
-        array
-            NaN where the model has no answer.
-        """
+        """Return the log of the integrated posterior density over (log Ca, a/l), without the factor of `log_share`."""
         log_density = model.outline
         if log_density is None:
             log_density = self.likelihood.log_density(model, self.width_at(half_width))
@@ -210,13 +173,7 @@ class PosteriorDensity:
     def log_of_nodes(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats:
-        """Return the log of the posterior density at nodes, without the priors of the further coordinates.
-
-        Parameters
-        ----------
-        model, log_ca, size, half_width
-            As of `log_density`.
-        """
+        """Return the log of the posterior density at nodes, without the priors of the further coordinates."""
         place = model, log_ca, size, half_width
         log_density = self.log_density(*place) + self.log_share(*place)
         if half_width is None:
@@ -226,20 +183,17 @@ class PosteriorDensity:
     def log_share(
         self, model: ModelAtPoints, log_ca: Floats, size: Floats, half_width: Floats | None = None
     ) -> Floats | float:
-        """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l).
-
-        Return 0.0 if they certainly do at every point. Of a prior that is no range, it is the log of its mean density.
-        """
+        """Return the log probability that G_s and a lie within their prior ranges, given (log Ca, a/l)."""
+        # Return 0.0 if they certainly do at every point. Of a prior that is no range, it is the log of its mean
+        # density.
         modulus, radius = self._scaled_factors(model, log_ca, size, half_width)
         if half_width is None:
             return self._log_mean_weight(*modulus) + self._log_mean_weight(*radius)
         return self._log_mean_weight(*modulus) + self.prior.capsule_radius.log_weight(size * half_width)
 
     def _log_mean_weight(self, prior: Quantity, factor: LogGrid, logs: Floats) -> Floats | float:
-        """Return the log of the mean `Quantity.log_weight` of exp(logs) times an independent factor; 0.0 if it is one.
-
-        That of a prior that is no range is tabulated as far as it has been asked for.
-        """
+        """Return the log of the mean weight of exp(logs) times an independent factor by a prior; 0.0 if it is one."""
+        # That of a prior that is no range is tabulated as far as it has been asked for.
         if prior.is_range:
             return _within(prior, factor, logs)
         tried, means = self._tables.get(prior, (np.array([np.inf, -np.inf]), np.empty(0)))
@@ -260,8 +214,8 @@ class PosteriorDensity:
         if flow is not None:
             changes, variances = given_flow(_log(model.velocity_ratio), 0.0, flow)
             of_modulus, of_radius = of_modulus + changes[0], of_radius + changes[1]
-            force = self.viscosity.times(scaled(LogGrid.normal(variances[0]), self.capsule_velocity.mean))
-            width = scaled(LogGrid.normal(variances[1]), self.half_width.mean)
+            force = self.viscosity.times(LogGrid.normal(variances[0]).scaled(self.capsule_velocity.mean))
+            width = LogGrid.normal(variances[1]).scaled(self.half_width.mean)
         return (self.prior.surface_shear_modulus, force, of_modulus), (self.prior.capsule_radius, width, of_radius)
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: Floats | None) -> tuple[Floats, Floats]:
@@ -273,22 +227,7 @@ class PosteriorDensity:
     def completed(
         self, rng: np.random.Generator, nodes: Mapping[str, Floats], model: ModelAtPoints
     ) -> dict[str, Floats]:
-        """Draw everything else for given draws of the shape.
-
-        Parameters
-        ----------
-        rng : Generator
-        nodes : mapping
-            ``capillary_number``, ``size_ratio`` and, where they are dimensions, ``half_width`` and the further
-            coordinates of the model: (n,) arrays drawn from the integrated posterior.
-        model : ModelAtPoints
-            The model there.
-
-        Returns
-        -------
-        dict of (n,) arrays
-            All quantities by name, SI.
-        """
+        """Draw everything else for given draws of the shape."""
         count = len(nodes["capillary_number"])
         draws = dict(nodes)
         width = nodes.get("half_width")
@@ -300,23 +239,20 @@ class PosteriorDensity:
         draws |= {name: masses.drawn(rng, count) for name, masses in free.items()}
         unconditioned = draws["velocity_ratio"]
         draws = self._given_flow(rng, draws, model, width)
-        out = np.flatnonzero(~self._in_range(draws, self._ratio_of_prior(draws, model)))
-        for tries in 2 ** np.arange(_ROUNDS):
-            if not out.size or out.size * tries > _MOST_TRIES:
-                break
-            row = np.repeat(out, tries)
-            again = {name: draws[name][row] for name in ("capillary_number", "size_ratio", "half_width")}
-            again |= {"velocity_ratio": unconditioned[row]}
-            again |= {name: masses.drawn(rng, row.size) for name, masses in free.items()}
-            if self.flow_rate is not None:
-                again = self._given_flow(rng, again, model.taken(row), None if width is None else width[row])
-            good = np.flatnonzero(self._in_range(again, self._ratio_of_prior(again, model.taken(row))))
-            first = np.flatnonzero(np.diff(row[good], prepend=-1))  # the rows are in order
-            found = row[good[first]]
-            for name in (*free, "velocity_ratio"):
-                draws[name][found] = again[name][good[first]]
-            out = out[~np.isin(out, found, assume_unique=True)]
-        self._weigh(rng, draws, model, width, out)
+
+        def redrawn(rows: Integers) -> dict[str, Floats]:
+            again = {name: draws[name][rows] for name in ("capillary_number", "size_ratio", "half_width")}
+            again |= {"velocity_ratio": unconditioned[rows]}
+            again |= {name: masses.drawn(rng, rows.size) for name, masses in free.items()}
+            if self.flow_rate is None:
+                return again
+            return self._given_flow(rng, again, model.taken(rows), None if width is None else width[rows])
+
+        def accepted(again: Mapping[str, Floats], rows: Integers) -> Booleans:
+            return self._in_range(again, self._ratio_of_prior(again, model.taken(rows)))
+
+        outside = np.flatnonzero(~self._in_range(draws, self._ratio_of_prior(draws, model)))
+        self._weigh(rng, draws, model, width, rejection_sample(draws, outside, redrawn, accepted))
         derived = _derived(draws)
         if self.by_thickness:
             derived[THICKNESS] = membrane_thickness(
@@ -385,6 +321,26 @@ class PosteriorDensity:
         return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
 
 
+def rejection_sample(
+    draws: Mapping[str, Floats],
+    rows: Integers,
+    redrawn: Callable[[Integers], Mapping[str, Floats]],
+    accepted: Callable[[Mapping[str, Floats], Integers], Booleans],
+) -> Integers:
+    """Draw some rows of draws anew in place, in each round twice as often, until accepted; return the rows left."""
+    for tries in 2 ** np.arange(_ROUNDS):
+        if not rows.size or rows.size * tries > _MOST_TRIES:
+            break
+        tried = np.repeat(rows, tries)
+        again = redrawn(tried)
+        good = np.flatnonzero(accepted(again, tried))
+        done, first = np.unique(tried[good], return_index=True)
+        for name, values in again.items():
+            draws[name][done] = values[good[first]]
+        rows = np.setdiff1d(rows, done, assume_unique=True)
+    return rows
+
+
 def _derived(draws: dict[str, Floats]) -> dict[str, Floats]:
     flow = mean_velocity(capsule_velocity=draws["capsule_velocity"], velocity_ratio=draws["velocity_ratio"])
     modulus = surface_shear_modulus(
@@ -402,7 +358,7 @@ def _log(values: Floats) -> Floats:
 
 def _cells(factor: LogGrid) -> tuple[Floats, Floats]:
     """Return the logs of a factor at the cells of a coarser grid that carry it, and the logs of their probabilities."""
-    coarse = resampled(factor, max(factor.step, np.sqrt(factor.variance) / _CELLS_PER_SD))
+    coarse = factor.resampled(max(factor.step, np.sqrt(factor.variance) / _CELLS_PER_SD))
     kept = coarse.masses > _NEGLIGIBLE * coarse.masses.max()
     return coarse.logs[kept], np.log(coarse.masses[kept])
 

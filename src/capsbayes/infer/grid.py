@@ -29,25 +29,13 @@ _COARSE = (48, 72)
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes of the (log Ca, a/l) plane, each the centre of a piece of it, and the predictions of a model there.
+    """Nodes of the (log Ca, a/l) plane, each the centre of a piece of it, and the predictions of a model there."""
 
-    Parameters
-    ----------
-    log_ca, size : (n,) arrays
-        Centres of the pieces.
-    side : (n,) array
-        Sides of a piece over those of a cell.
-    model : ModelAtPoints
-        Of (n,) arrays, NaN outside the model's domain.
-    cell : (n,) array
-        Number of the cell of a window, row by row of log Ca, in which each lies; empty without a window.
-    """
-
-    log_ca: Floats
+    log_ca: Floats  # (n,): centres
     size: Floats
-    side: Floats
-    model: ModelAtPoints
-    cell: Integers
+    side: Floats  # (n,): sides of a piece over those of a cell
+    model: ModelAtPoints  # of (n,) arrays, NaN outside the model's domain
+    cell: Integers  # (n,): number of the cell of a window, row by row of log Ca; empty without a window
 
     @classmethod
     def at(
@@ -83,27 +71,16 @@ class Nodes:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of (log Ca, a/l) cut into cells, with a node at the centre of each.
+    """A rectangle of (log Ca, a/l) cut into cells, with a node at the centre of each."""
 
-    Parameters
-    ----------
-    low, high : tuple of float
-        Corners (log Ca, a/l).
-    shape : tuple of int
-        Number of cells along each.
-    """
-
-    low: tuple[float, float]
+    low: tuple[float, float]  # (log Ca, a/l)
     high: tuple[float, float]
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # cells along each
 
     @property
     def step(self) -> tuple[float, float]:
         """Size of a cell."""
-        return (
-            (self.high[0] - self.low[0]) / self.shape[0],
-            (self.high[1] - self.low[1]) / self.shape[1],
-        )
+        return ((self.high[0] - self.low[0]) / self.shape[0], (self.high[1] - self.low[1]) / self.shape[1])
 
     @property
     def axes(self) -> tuple[Floats, Floats]:
@@ -123,17 +100,7 @@ class Window:
     def split(
         self, nodes: Nodes, cut: Booleans, parts: int, forward: ForwardModel, density: PosteriorDensity | None = None
     ) -> Nodes:
-        """Replace the nodes of some cells by those of smaller pieces inside the model's domain.
-
-        Parameters
-        ----------
-        nodes : Nodes
-            One for each cell that is visited.
-        cut : (i, j) bool array
-            Cells to split.
-        parts : int
-            Pieces along each side of a cell.
-        """
+        """Replace the nodes of some cells by those of smaller pieces inside the model's domain."""
         chosen = cut.ravel()[nodes.cell]
         offsets = (np.arange(parts) + 0.5) / parts - 0.5
         log_ca = nodes.log_ca[chosen, None, None] + self.step[0] * offsets[:, None]
@@ -144,19 +111,9 @@ class Window:
         return nodes.taken(~chosen).joined(pieces.taken(np.isfinite(pieces.model.extent)))
 
     def around(self, likely: Booleans, shape: tuple[int, int], bounds: Window) -> Window:
-        """Return a window around the likely cells, within bounds, cut anew.
-
-        One more cell is added on each side, or a quarter of this window where
-        the likely cells reach its edge and may go on beyond it.
-
-        Parameters
-        ----------
-        likely : (i, j) bool array
-        shape : tuple of int
-            Cells of the new window.
-        bounds : Window
-            Window that contains the result.
-        """
+        """Return a window around the likely cells, within bounds, cut anew."""
+        # One more cell is added on each side, or a quarter of this window where the likely cells reach its edge and may
+        # go on beyond it.
         low, high = [], []
         for k in (0, 1):
             cells = self.shape[k]
@@ -181,18 +138,10 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class CoarseTable:
-    """A model on a coarse lattice, by default over its whole domain: there the search for a posterior begins.
-
-    Parameters
-    ----------
-    window : Window
-    nodes : Nodes
-        One for each cell; the covariances of the lengths are widened by the change of the lengths across a cell, so
-        that no posterior falls between the nodes.
-    """
+    """A model on a coarse lattice, by default over its whole domain: there the search for a posterior begins."""
 
     window: Window
-    nodes: Nodes
+    nodes: Nodes  # one a cell, covariances widened by the change of the lengths across it
 
     @classmethod
     def of(cls, forward: ForwardModel) -> CoarseTable:
@@ -235,38 +184,35 @@ def _changes(values: Floats) -> tuple[Floats, Floats]:
 
 # Posterior of one capsule on a grid of (log Ca, a/l), and the distributions of all quantities that follow from it.
 #
-# A quantity is a function of the node times independent inputs, so its
-# distribution is a product of `LogGrid`: exact, without draws
+# A quantity is a function of the node times independent inputs, so its distribution is a product of `LogGrid`: exact,
+# without draws
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
 
 
 class ExactPosterior(abc.ABC):
-    """Posterior of one capsule by the exact engine.
-
-    Attributes
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-    gates : tuple of Gate
-        Whether it resolves the posterior.
-    unresolved : Status
-        If it does not.
-    """
+    """Posterior of one capsule at weighted nodes, with the distributions of what these and independent inputs tell."""
 
     forward: ForwardModel
     density: PosteriorDensity
-    gates: tuple[Gate, ...]
-    unresolved: ClassVar[Status] = Status.GRID_TOO_COARSE
+    gates: tuple[Gate, ...]  # whether it resolves the posterior
+    unresolved: ClassVar[Status] = Status.GRID_TOO_COARSE  # if it does not
 
+    @property
     @abc.abstractmethod
-    def is_exact(self, name: str) -> bool:
-        """Return whether `distribution` holds for a quantity: no prior range cuts it, or the node determines it."""
+    def cut(self) -> bool:
+        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
 
+    @property
     @abc.abstractmethod
-    def distribution(self, name: str) -> LogGrid:
-        """Return the distribution of a quantity as a product of a function of the node and independent inputs."""
+    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
+        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
+
+    @property
+    @abc.abstractmethod
+    def _spacing(self) -> tuple[float, float, float]:
+        """Distance of neighbouring nodes in log Ca, in log(a/l) and in log l; zero if they are scattered."""
 
     @abc.abstractmethod
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
@@ -292,25 +238,6 @@ class ExactPosterior(abc.ABC):
     def _many_draws(self) -> dict[str, Floats]:
         return self.drawn(np.random.default_rng(0), _DRAWS // 5 if self.density.prior.is_general else _DRAWS)
 
-
-class NodePosterior(ExactPosterior):
-    """Posterior at weighted nodes, with the distributions of what the node and independent inputs determine."""
-
-    @property
-    @abc.abstractmethod
-    def cut(self) -> bool:
-        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
-
-    @property
-    @abc.abstractmethod
-    def kept(self) -> tuple[Floats, Nodes, Floats | None]:
-        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
-
-    @property
-    @abc.abstractmethod
-    def _spacing(self) -> tuple[float, float, float]:
-        """Distance of neighbouring nodes in log Ca, in log(a/l) and in log l; zero if they are scattered."""
-
     @cached_property
     def _ratio(self) -> tuple[Floats, float]:
         """Log of the mean v_o/U given the lengths at the kept nodes : (m,) array, and its mean relative variance."""
@@ -331,11 +258,11 @@ class NodePosterior(ExactPosterior):
         }
 
     def is_exact(self, name: str) -> bool:
-        """See `ExactPosterior`."""
+        """Return whether `distribution` holds for a quantity: no prior range cuts it, or the node determines it."""
         return not self.cut or name in self._node_logs
 
     def distribution(self, name: str) -> LogGrid:
-        """See `ExactPosterior`."""
+        """Return the distribution of a quantity as a product of a function of the node and independent inputs."""
         density = self.density
         if name in self._node_logs:
             return self._binned(*self._node_logs[name])
@@ -394,37 +321,16 @@ class NodePosterior(ExactPosterior):
 
 
 @dataclass(frozen=True, eq=False)
-class GridPosterior(NodePosterior):
-    """Posterior of one capsule on a grid.
-
-    Parameters
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-    window : Window
-        Cells of (log Ca, a/l).
-    nodes : Nodes
-        Of the cells that are visited and of their pieces, n of them.
-    half_width : (k,) array or None [m]
-        Nodes of l, where it is a dimension.
-    free : (k or 1, n) array
-        Probability of each node before the prior ranges of G_s and a cut, over that of the likeliest.
-    log_scale : float
-        Log density of the likeliest, by which posteriors of one measurement are weighted.
-    share : array that broadcasts with it
-        Probability that G_s and a lie within their ranges there.
-    gates : tuple of Gate
-        On the resolution of the posterior by the cells.
-    """
+class GridPosterior(ExactPosterior):
+    """Posterior of one capsule on a grid."""
 
     forward: ForwardModel
     density: PosteriorDensity
-    window: Window
-    nodes: Nodes
-    half_width: Floats | None
-    free: Floats
-    log_scale: float
-    share: Floats | float
+    window: Window  # cells of (log Ca, a/l)
+    nodes: Nodes  # of the cells that are visited and of their pieces
+    half_width: Floats | None  # (k,) [m]: nodes of l, where it is a dimension
+    free: Floats  # (k or 1, n): probabilities over the largest, before the ranges of G_s and a cut
+    share: Floats | float  # probability that G_s and a lie within their ranges there
     gates: tuple[Gate, ...]
 
     @cached_property
@@ -458,10 +364,8 @@ class GridPosterior(NodePosterior):
 
     @property
     def likelihood(self) -> tuple[Floats, Floats, Floats, float]:
-        """The posterior without the priors of G_s and a, where l is no dimension.
-
-        Probabilities (m,) of nodes, log(G_s / mu) and log(a / l) there (m,), and the variance of the former at each.
-        """
+        """The posterior without the priors of G_s and a, where l is no dimension."""
+        # Probabilities (m,) of nodes, log(G_s / mu) and log(a / l) there (m,), and the variance of the former at each.
         density = self.density
         modulus, radius = density.prior.both
         kept = self.free[0] > _NEGLIGIBLE * self.free.max()
@@ -487,12 +391,6 @@ class GridPosterior(NodePosterior):
         return -nodes.log_ca - log_ratio + change, float(spread), density.capsule_velocity.mean
 
     @cached_property
-    def log_evidence(self) -> float:
-        """Log of the integral of the posterior density over (log Ca, a/l), up to a constant of the measurement."""
-        with np.errstate(divide="ignore"):
-            return float(np.log(np.sum(self.free * self.share) * np.prod(self.window.step)) + self.log_scale)
-
-    @cached_property
     def cut(self) -> bool:
         """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
         if self.density.prior.is_general:
@@ -501,7 +399,6 @@ class GridPosterior(NodePosterior):
         return bool(share.min() < 1.0 - 1e-6)
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """See `ExactPosterior`."""
         width, node = np.unravel_index(
             rng.choice(self.weights.size, size=count, p=self.weights.ravel()), self.weights.shape
         )

@@ -34,7 +34,6 @@ from capsbayes.infer.selection import (
     log_prior_of_freedom,
 )
 from capsbayes.model import ForwardModel
-from capsbayes.parameters import PARAMETERS as QUANTITIES
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
@@ -64,18 +63,9 @@ _THREADS = 2
 
 @dataclass(frozen=True, eq=False)
 class LogPosterior:
-    """Log posterior density of the `PARAMETERS` of a population, and of its `FREEDOMS` if its tails are not normal.
+    """Log posterior density of the `PARAMETERS` of a population, and of its `FREEDOMS` if its tails are not normal."""
 
-    Parameters
-    ----------
-    components : (n, c, 6) array
-        Likelihood of each capsule in (log G_s, log a).
-    selection : Selection, optional
-    tails : str
-        One of `capsbayes.infer.selection.TAILS`.
-    """
-
-    components: NDArray[np.float32]
+    components: NDArray[np.float32]  # (n, c, 6): likelihood of each capsule in (log G_s, log a)
     selection: Selection | None = None
     tails: str = NORMAL
 
@@ -116,17 +106,7 @@ class LogPosterior:
             into -= self.selection.log_probability(some, modulus, radius)
 
     def of_capsules(self, parameters: Floats) -> Floats:
-        """Return the log likelihood of each capsule for some populations, up to a constant of the capsule.
-
-        Parameters
-        ----------
-        parameters : (d, p) array
-
-        Returns
-        -------
-        (d, n) array
-            Given that the capsule is in the sample. Their sum over the capsules is the log likelihood.
-        """
+        """Return the log likelihood of each capsule for some populations, up to a constant of the capsule."""
         parameters = np.ascontiguousarray(parameters)
         modulus, radius = self.mixtures(parameters)
         values = np.empty((len(self.components), len(parameters)))
@@ -220,12 +200,10 @@ _LEAST_ESS, _MOST_PARETO = 400.0, 0.7
 def drawn(
     log_posterior: LogPosterior, place: tuple[Floats, Floats], rng: np.random.Generator
 ) -> tuple[Floats, list[Gate]]:
-    """Draw from a posterior; return the draws (d, p) and the gates on their weights.
-
-    `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
-    to the weighted draws and drawn from again; to draws whose weights are raised to a power below one if few of them
-    have all the weight.
-    """
+    """Draw from a posterior; return the draws (d, p) and the gates on their weights."""
+    # `place` is that of its mode, with the covariance there. Where the weights fail their gates, the proposal is fitted
+    # to the weighted draws and drawn from again; to draws whose weights are raised to a power below one if few of them
+    # have all the weight.
     most = _PROPOSAL_DRAWS if log_posterior.tails == NORMAL else _DRAWS_OF_TAILS
     count = int(np.clip(_BUDGET / log_posterior.size, _FEWEST_DRAWS, most))
     centre, covariance = place
@@ -296,15 +274,7 @@ RESIDUALS = ("surface_shear_modulus", "capsule_radius")
 
 
 def tail_p_values(log_posterior: LogPosterior, parameters: Floats, rng: np.random.Generator) -> dict[str, float]:
-    """Return the share of replicates whose kurtosis is at least that of the capsules, for each of the `RESIDUALS`.
-
-    Parameters
-    ----------
-    log_posterior : LogPosterior
-    parameters : (d, p) array
-        Draws of it.
-    rng : numpy.random.Generator
-    """
+    """Return the share of replicates whose kurtosis is at least that of the capsules, for each of the `RESIDUALS`."""
     components, selection = log_posterior.components.astype(np.float64), log_posterior.selection
     chosen = np.sort(rng.choice(len(components), min(len(components), _MOST), replace=False))
     components = components[chosen]
@@ -360,16 +330,13 @@ def _kurtoses(values: Floats, own: Floats, parameters: Floats) -> Floats:
 # Population of the capsules of a session: mean and spread of G_s and a with the errors removed.
 #
 # Each capsule has its own (log G_s, log a), drawn from a Gaussian population with a slope d ln G_s / d ln a, or from
-# one
-# with heavier tails. Capsules too soft for their flow have no steady shape and are not in the sample. Viscosity
-# and half width are those of all capsules: their errors do not shrink with the number of capsules, so they are
-# integrated
+# one with heavier tails. Capsules too soft for their flow have no steady shape and are not in the sample. Viscosity and
+# half width are those of all capsules: their errors do not shrink with the number of capsules, so they are integrated
 # outside the loop over capsules. A viscosity moves every log G_s by the same amount, which moves the mean and leaves
 # spread and slope as they are; so does a half width with log a
 
 FEWEST = 3
-PREFIX = "population_"
-"""Of the draws in the file of a population."""
+PREFIX = "population_"  # of the draws in the file of a population
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
 _STORED = 500
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
@@ -442,14 +409,8 @@ class Hierarchy(Readable):
 
     def described(self) -> dict[str, str]:
         """Return the medians and 95 % intervals in display units."""
-        found = {"capsules": str(self.capsules)}
-        for name, marginal in self.marginals.items():
-            known = QUANTITIES[name]
-            low, middle, high = (
-                known.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
-            )
-            found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
-        return found | ({} if self.passed else {"gates": "not passed"})
+        intervals = {name: marginal.shown(name) for name, marginal in self.marginals.items()}
+        return {"capsules": str(self.capsules), **intervals, **({} if self.passed else {"gates": "not passed"})}
 
     @property
     def passed(self) -> bool:
@@ -608,16 +569,7 @@ def hierarchy(
     place = mode(log_posterior)
     parameters, gates = drawn(log_posterior, place, rng)
     without = {"surface_shear_modulus": np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
-    shifts = {
-        name: LogGrid.of(quantity).drawn(rng, len(parameters)) / quantity.value
-        for name, quantity in (("surface_shear_modulus", viscosity), ("capsule_radius", half_width))
-    }
-    shifts["surface_shear_modulus"] *= np.exp(shared_velocity_error * rng.standard_normal(len(parameters)))
-    by_rate = kept & np.isnan(population["capsule_velocity"]) & np.isfinite(population["flow_rate"])
-    if by_rate.any():  # one pump and one channel: U = Q / A is wrong for all alike
-        rate_error = np.max(np.nan_to_num(population["flow_rate_error"][by_rate]) / population["flow_rate"][by_rate])
-        of_rate = np.exp(rate_error * rng.standard_normal(len(parameters)))
-        shifts["surface_shear_modulus"] *= of_rate / shifts["capsule_radius"] ** 2
+    shifts = _shifts(population, kept, viscosity, half_width, shared_velocity_error, rng, len(parameters))
     draws = {name: without[name] * shifts[name] for name in without} | _spreads(log_posterior, parameters)
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     missing, changes = np.empty(0), dict[str, float]()
@@ -642,14 +594,27 @@ def hierarchy(
     )
 
 
-def _taking_part(population: Population, least_stretch: float | None, model: ForwardModel | None) -> NDArray[np.bool_]:
-    """Return which capsules take part : (n,) array.
+def _shifts(
+    population: Population,
+    kept: NDArray[np.bool_],
+    viscosity: Quantity,
+    half_width: Quantity,
+    velocity_error: float,
+    rng: np.random.Generator,
+    count: int,
+) -> dict[str, Floats]:
+    """Draw the factors on the medians of G_s and a by which all capsules are wrong alike : (count,) arrays by name."""
+    modulus, radius = (LogGrid.of(each).drawn(rng, count) / each.value for each in (viscosity, half_width))
+    modulus *= np.exp(velocity_error * rng.standard_normal(count))
+    by_rate = kept & np.isnan(population["capsule_velocity"]) & np.isfinite(population["flow_rate"])
+    if by_rate.any():  # one pump and one channel: U = Q / A is wrong for all alike
+        rate_error = np.max(np.nan_to_num(population["flow_rate_error"][by_rate]) / population["flow_rate"][by_rate])
+        modulus *= np.exp(rate_error * rng.standard_normal(count)) / radius**2
+    return {"surface_shear_modulus": modulus, "capsule_radius": radius}
 
-    Raises
-    ------
-    InputError
-        If they are too few, or the cut is none.
-    """
+
+def _taking_part(population: Population, least_stretch: float | None, model: ForwardModel | None) -> NDArray[np.bool_]:
+    """Return which capsules take part : (n,) array."""
     kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
     if least_stretch is not None:
         _check_cut(least_stretch, model)
@@ -740,46 +705,20 @@ def _shared(population: Population, experiment: Experiment | None) -> tuple[Quan
 # The spread of G_s in a population with the errors removed: a normal distribution of its logarithm, or a t one
 
 
-@dataclass(frozen=True, eq=False)
 class ModulusSpread:
     """Distribution of ln(G_s / (1 N/m)) over the capsules, and how well it is known.
 
-    Parameters
-    ----------
-    mean : float or (d,) array
-        Mean of ln G_s, or draws of its posterior.
-    sd : float or (d,) array
-        Standard deviation of ln G_s from capsule to capsule, or draws of it, paired with those of the mean; of heavy
-        tails, half the width of the central 68.3 %.
-    tails : ScaleMixture, optional
-        Variances and weights of the normal distributions that make up heavy tails, one row for each draw.
-
-    Raises
-    ------
-    InputError
-        If they are not as many, not finite, or a standard deviation is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> spread = ModulusSpread(mean=np.log(0.05), sd=0.1)
-    >>> middle, low, high = spread.density(np.array([0.05]))
-    >>> float(middle[0].round(3)), bool(low == high)
-    (3.989, True)
+    `mean` and `sd` are those of ln G_s from capsule to capsule, or draws (d,) of both; of heavy tails `sd` is half the
+    width of the central 68.3 %, and `tails` has one row a draw.
     """
 
-    mean: ArrayLike
-    sd: ArrayLike
-    tails: ScaleMixture | None = None
-
-    def __post_init__(self) -> None:
-        mean, sd = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (self.mean, self.sd))
-        if mean.ndim != 1 or mean.shape != sd.shape:
-            raise InputError("ModulusSpread", "mean, sd", "arrays of one length", f"{mean.shape} and {sd.shape}")
-        if not (np.isfinite(mean).all() and np.isfinite(sd).all() and (sd > 0.0).all()):
+    def __init__(self, mean: ArrayLike, sd: ArrayLike, tails: ScaleMixture | None = None) -> None:
+        means, sds = (np.atleast_1d(np.asarray(values, dtype=float)) for values in (mean, sd))
+        if means.ndim != 1 or means.shape != sds.shape:
+            raise InputError("ModulusSpread", "mean, sd", "arrays of one length", f"{means.shape} and {sds.shape}")
+        if not (np.isfinite(means).all() and np.isfinite(sds).all() and (sds > 0.0).all()):
             raise InputError("ModulusSpread", "mean, sd", "finite numbers, standard deviations above zero", "others")
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "sd", sd)
+        self.mean, self.sd, self.tails = means, sds, tails
 
     @classmethod
     def of_population(cls, population: Population) -> ModulusSpread | None:
@@ -791,18 +730,9 @@ class ModulusSpread:
         return cls(np.log(median), sd, _tails(population))
 
     def density(self, modulus: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Return the density of ln G_s at given G_s: median and 95 % band over the draws.
-
-        Parameters
-        ----------
-        modulus : (n,) array [N/m]
-
-        Returns
-        -------
-        middle, low, high : (n,) arrays
-        """
-        off = np.log(modulus) - np.asarray(self.mean)[:, None]
-        variances, weights = self.tails or ScaleMixture.normal(len(off)).scaled(np.asarray(self.sd))
+        """Return the density of ln G_s at given G_s: median and 95 % band over the draws."""
+        off = np.log(modulus) - self.mean[:, None]
+        variances, weights = self.tails or ScaleMixture.normal(len(off)).scaled(self.sd)
         each = np.zeros_like(off)
         for variance, weight in zip(variances.T[:, :, None], weights.T[:, :, None], strict=True):
             each += weight * np.exp(-0.5 * off**2 / variance) / np.sqrt(2.0 * np.pi * variance)
@@ -812,12 +742,12 @@ class ModulusSpread:
     @property
     def median(self) -> Floats:
         """Median G_s of the capsules, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array [N/m]."""
-        return np.exp(np.quantile(np.asarray(self.mean), [0.5, 0.025, 0.975]))
+        return np.exp(np.quantile(self.mean, [0.5, 0.025, 0.975]))
 
     @property
     def relative(self) -> Floats:
         """Spread of G_s over its median, 50 %, 2.5 % and 97.5 % of its posterior : (3,) array."""
-        return np.quantile(np.asarray(self.sd), [0.5, 0.025, 0.975])
+        return np.quantile(self.sd, [0.5, 0.025, 0.975])
 
 
 def _tails(population: Population) -> ScaleMixture | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -21,7 +21,6 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import ExactEngine, WeightedPosterior, engine_near, exact_engine
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints
-from capsbayes.infer.mixed import MixedPosterior
 from capsbayes.infer.outline import (
     OutlineLikelihood,
     TabulatedOutline,
@@ -50,18 +49,14 @@ from capsbayes.surrogate import MembraneSurrogate
 # estimate is narrower than the truth but for chance:
 #
 # - a linear estimate of ln G_s from it, over draws of the posterior, takes away c (S + E)^-1 c, with the covariance S
-# of
-#   what the draws predict, that of its errors E, and its covariance c with ln G_s; it is loose where the posterior is
-#   wide and the model curved over it, as no nonlinear estimate is tried;
+#   of what the draws predict, that of its errors E, and its covariance c with ln G_s; it is loose where the posterior
+#   is wide and the model curved over it;
 # - the model linearised at single draws, with the normal scores of the priors, has the inverse of the Fisher
-# information
-#   as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
+#   information as its covariance; it is loose where the data tell little, as the borders of the model cut nothing off
 
-OUTLINE_NOISE = OutlineNoise(0.005, 0.2)
-"""Errors of an outline that is yet to be measured."""
+OUTLINE_NOISE = OutlineNoise(0.005, 0.2)  # errors of an outline that is yet to be measured
 
-THICKNESS_ERROR = 0.2
-"""Relative error of a thickness of the membrane that is yet to be measured."""
+THICKNESS_ERROR = 0.2  # relative error of a thickness of the membrane that is yet to be measured
 
 FLOWS = {"half flow": 0.5, "double flow": 2.0}
 """Flow rates at which the same capsule may be measured again, over the present one."""
@@ -77,21 +72,7 @@ _FREE = 1e-6  # information on log Ca and a/l that no data have
 
 
 def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) -> dict[str, float]:
-    """Return the expected standard deviation of ln G_s after each of several measurements, the narrowest first.
-
-    Parameters
-    ----------
-    grid : WeightedPosterior
-    measurement : Measurement
-        That it is the posterior of.
-
-    Returns
-    -------
-    dict of float
-        By name: a further coordinate that becomes known; ``membrane_thickness`` to `THICKNESS_ERROR` where the bending
-        modulus is free; ``outline`` with `OUTLINE_NOISE`, unless there is one; one of `FLOWS`, measured like the
-        present one, where the model has such shapes.
-    """
+    """Return the expected standard deviation of ln G_s after each of several measurements, the narrowest first."""
     modulus = "surface_shear_modulus"
     total = grid.log_marginal(modulus).sd ** 2
     known = [name for name in grid.frame.columns if name != "bending" or not grid.density.by_thickness]
@@ -112,9 +93,9 @@ def expected_log_modulus_sds(grid: WeightedPosterior, measurement: Measurement) 
     if "bending" in left:
         left[THICKNESS] = narrower(lambda pilot: _log_thickness)
     if measurement.outline is None:
-        left["outline"] = narrower(lambda pilot: _outlines(grid, pilot, OUTLINE_NOISE))
+        left["outline"] = narrower(functools.partial(_outlines, grid, OUTLINE_NOISE))
     for name, factor in FLOWS.items():
-        left[name] = narrower(lambda pilot, factor=factor: _faster(grid, measurement, pilot, factor))  # type: ignore[misc]
+        left[name] = narrower(functools.partial(_faster, grid, measurement, factor))
     sds = {name: float(np.sqrt(max(part, 0.0))) for name, part in left.items() if part < total}
     return dict(sorted(sds.items(), key=lambda item: item[1]))
 
@@ -136,10 +117,7 @@ def _explained(log_modulus: Floats, numbers: Floats) -> float:
 
 
 def _linearised(
-    grid: WeightedPosterior,
-    measurement: Measurement,
-    points: Floats,
-    later: Callable[[Mapping[str, float]], Data],
+    grid: WeightedPosterior, measurement: Measurement, points: Floats, later: Callable[[Mapping[str, float]], Data]
 ) -> float:
     """Return the variance of ln G_s with a later measurement, linearised at points (k, d); NaN if it cannot be."""
     dimensions = points.shape[1]
@@ -161,11 +139,11 @@ def _linearised(
 
 def _present(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float]) -> Data:
     if measurement.outline is not None:
-        return _outlines(grid, pilot, measurement.outline.noise)
+        return _outlines(grid, measurement.outline.noise, pilot)
     return _lengths(grid, pilot)
 
 
-def _faster(grid: WeightedPosterior, measurement: Measurement, pilot: Mapping[str, float], factor: float) -> Data:
+def _faster(grid: WeightedPosterior, measurement: Measurement, factor: float, pilot: Mapping[str, float]) -> Data:
     """Return what the same capsules show at another flow rate, measured like the present one."""
     there = {**pilot, "capillary_number": factor * pilot["capillary_number"]}
     seen = _present(grid, measurement, there)
@@ -183,7 +161,7 @@ def _lengths(grid: WeightedPosterior, pilot: Mapping[str, float]) -> Data:
     return lambda theta: np.asarray(np.linalg.solve(root, _shapes(grid, theta).values[:, :count].T).T)
 
 
-def _outlines(grid: WeightedPosterior, pilot: Mapping[str, float], noise: OutlineNoise) -> Data:
+def _outlines(grid: WeightedPosterior, noise: OutlineNoise, pilot: Mapping[str, float]) -> Data:
     """Return outlines with errors, the model's own at a pilot included."""
     model = grid.forward
     there = _shapes(grid, {name: np.array([value]) for name, value in pilot.items()}, outline=True).outline
@@ -247,24 +225,9 @@ def _begun(cross_section: str) -> Future[MembraneSurrogate]:
 def modulus_over_laws(
     measurement: Measurement, experiment: Experiment, model: ForwardModel
 ) -> tuple[float, float] | None:
-    """Return the least and the largest G_s [N/m] that laws at the ends of a model's ranges of K and h give.
-
-    Of each law it is that of the shape whose lengths are nearest to the measured ones; viscosity, velocity and half
-    width have their central values, and the other coordinates their null values.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        With both lengths; without L_a a law has no single shape, and the answer is None.
-    experiment : Experiment
-    model : ForwardModel
-        With K and h as coordinates, as a `MembraneSurrogate`.
-
-    Returns
-    -------
-    tuple of float, or None
-        None also if fewer than two laws have such a shape.
-    """
+    """Return the least and the largest G_s [N/m] that laws at the ends of a model's ranges of K and h give."""
+    # Of each law it is that of the shape whose lengths are nearest to the measured ones; viscosity, velocity and half
+    # width have their central values, and the other coordinates their null values.
     if measurement.axial_length is None:
         return None
     seen = LengthsLikelihood.of(measurement).with_half_width(experiment.half_width.value, experiment.half_width.error)
@@ -301,15 +264,12 @@ def _nearest(model: ForwardModel, seen: LengthsLikelihood) -> tuple[float, float
 
 # Shares of the inputs in the uncertainty of G_s and of a.
 #
-# Viscosity and velocity multiply G_s and are independent of the shape: their shares are
-# their variances of log G_s, exactly, and nothing of that of log a. Where the
-# lengths are over l, the half width multiplies a in the same way. A further
-# coordinate of the model contributes the variance of the mean of the logarithm from one
-# of its values to another. For every other input the posterior is computed
-# again with the error of that input halved. Were the logarithm linear in it, its
-# part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved),
-# and the parts would add up to V; what is missing to one is due to the prior
-# and to the curvature of the model
+# Viscosity and velocity multiply G_s and are independent of the shape: their shares are their variances of log G_s,
+# exactly, and nothing of that of log a. Where the lengths are over l, the half width multiplies a in the same way. A
+# further coordinate of the model contributes the variance of the mean of the logarithm from one of its values to
+# another. For every other input the posterior is computed again with the error of that input halved. Were the logarithm
+# linear in it, its part V_i of the variance V would fall to V_i / 4, so V_i = 4/3 (V - V_halved), and the parts would
+# add up to V; what is missing to one is due to the prior and to the curvature of the model
 
 REST = "prior and curvature"
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
@@ -327,22 +287,7 @@ def add_up(shares: Mapping[str, float]) -> bool:
 def variance_shares(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, *quantities: str
 ) -> dict[str, dict[str, float]]:
-    """Return the share of the variance of the logarithm of each quantity due to each input.
-
-    Parameters
-    ----------
-    engine : ExactEngine
-    measurement : Measurement
-    posterior : ExactPosterior
-        Of that measurement.
-    *quantities : str
-        Of `QUANTITIES`.
-
-    Returns
-    -------
-    dict of dict
-        By quantity, by name of the input; those of a quantity add up to one.
-    """
+    """Return the share of the variance of the logarithm of each quantity due to each input."""
     totals = {quantity: _variance(posterior, quantity) for quantity in quantities}
     shares = {quantity: _of_factors(posterior, quantity, total) for quantity, total in totals.items()}
     for name, halved in _each_halved(engine, measurement, posterior):
@@ -368,8 +313,6 @@ def _of_factors(posterior: ExactPosterior, quantity: str, total: float) -> dict[
         shares["capsule_velocity"] = (1.0 - own - by_rate) ** 2 * flow.velocity / total
         shares["flow_rate"] = by_rate**2 * flow.rate / total
         shares["half_width"] = (own - 2.0 * by_rate) ** 2 * width / total
-    if isinstance(posterior, MixedPosterior):
-        shares[posterior.coordinate.name] = posterior.variance_between(quantity) / total
     if isinstance(posterior, WeightedPosterior):
         for coordinate in density.coordinates:
             shares[coordinate.name] = posterior.variance_given(coordinate.name, quantity) / total
@@ -426,11 +369,9 @@ ENGINES = ("emcee", "quadrature")
 _DRAWS = (4, 2500)  # chains and draws of the quadrature engine
 _OUTLINES = 200
 _WALKERS_ON_SHEET = 256  # of an ensemble: many points at once cost little more than few
-_TRIED, _TABLE_ERROR, _BEYOND = (
-    500,
-    0.02,
-    4,
-)  # draws at which the table of log densities is tested, its largest error, nodes beyond the grid
+_TRIED = 500  # draws at which the table of log densities is tested
+_TABLE_ERROR = 0.02  # of that table, at most: a tenth of what moves an end of an interval
+_BEYOND = 4  # nodes of that table beyond the grid, where walkers start
 
 
 @checked
@@ -497,15 +438,11 @@ def identify(
     if membrane is not None:
         model, prior = membrane.applied(model, prior or Prior())
     check_applies(model, measurement, experiment, viscosity_needed=False)
-    if engine is None:
-        in_minutes = len(model.coordinates) > (measurement.outline is None)
-        engine = "quadrature" if in_minutes and effort is None else "emcee"
     with threadpool_limits(limits=1):  # the matrices are tiny: threads would wait for each other
-        quadrature = exact_engine(model, experiment, prior, outline=measurement.outline is not None)
+        quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
         misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
-        if not all(misfit.gate.passed for misfit in misfits):
-            engine = "quadrature"  # nobody may use these intervals: the time of chains is saved
+        engine = _engine_for(grid, engine, effort, misfits)
         run = _sampled if engine == "emcee" else _gridded
         draws, ensemble, gates, agreed = run(grid, seed, effort)
         reported = _reported(grid)
@@ -514,14 +451,11 @@ def identify(
         draws = _named_as_given(draws, grid)
         leans = leanings(draws, model, quadrature.prior)
         if measurement.outline is not None:
-            misfits.insert(0, Misfit(outline_misfit(measurement.outline, model, draws), Status.OUTLINE_MISFIT))
-            if (odd := lopsided(measurement.outline)) is not None:
-                misfits.insert(0, Misfit(odd, Status.LOPSIDED))
+            misfits = [*_misfits_of_outline(measurement.outline, model, draws), *misfits]
         if not grid.density.inputs.viscous_tension:
             misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
-        shares: dict[str, float] = {}
-        if error_budget:
-            shares = variance_shares(quadrature, measurement, grid, "surface_shear_modulus")["surface_shear_modulus"]
+        modulus = "surface_shear_modulus"
+        shares = variance_shares(quadrature, measurement, grid, modulus)[modulus] if error_budget else {}
         return Posterior(
             draws=draws,
             ensemble=ensemble,
@@ -548,25 +482,38 @@ def identify(
         )
 
 
+def _engine_for(grid: ExactPosterior, stated: str | None, effort: Effort | None, misfits: list[Misfit]) -> str:
+    """Return the engine stated, or the default; quadrature where nobody may use the intervals, to save the chains."""
+    if not all(misfit.gate.passed for misfit in misfits):
+        return "quadrature"
+    return stated or ("quadrature" if _has_many_unknowns(grid) and effort is None else "emcee")
+
+
+def _misfits_of_outline(outline: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> list[Misfit]:
+    """Return the gates on a measured outline, the gravest first."""
+    odd = lopsided(outline)
+    gates = [] if odd is None else [Misfit(odd, Status.LOPSIDED)]
+    return [*gates, Misfit(outline_misfit(outline, model, draws), Status.OUTLINE_MISFIT)]
+
+
 def check_applies(
     model: ForwardModel, measurement: Measurement, experiment: Experiment, *, viscosity_needed: bool = True
 ) -> None:
-    """Refuse a model of another cross-section than the experiment, or of another view than the measured outline.
-
-    Where the viscosity is needed, an experiment without one is refused too.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a model of another cross-section than the experiment, or of another view than the measured outline."""
+    # Where the viscosity is needed, an experiment without one is refused too.
     model.check_experiment(experiment, viscosity_needed=viscosity_needed)
     if measurement.outline is not None:
         check_view_of(model, measurement.outline, measurement.source or "measurement")
 
 
+def _has_many_unknowns(grid: ExactPosterior) -> TypeGuard[WeightedPosterior]:
+    """Return whether chains take minutes: of several further coordinates, or of one and an outline."""
+    return isinstance(grid, WeightedPosterior) and len(grid.density.coordinates) > (grid.density.outline is None)
+
+
 def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, experiment: Experiment) -> float | None:
     """Return the standard deviation of ln G_s at the likeliest values of several further coordinates."""
-    if not isinstance(grid, WeightedPosterior):
+    if not _has_many_unknowns(grid):
         return None
     density, likeliest = grid.density, grid.likeliest
     known = grid.forward.fixed(**{coordinate.name: likeliest[coordinate.name] for coordinate in density.coordinates})
@@ -576,7 +523,7 @@ def _log_modulus_sd_if_known(grid: ExactPosterior, measurement: Measurement, exp
 
 
 def _expected(grid: ExactPosterior, measurement: Measurement) -> dict[str, float]:
-    if not isinstance(grid, WeightedPosterior) or grid.density.inputs.viscous_tension:
+    if not _has_many_unknowns(grid) or grid.density.inputs.viscous_tension:
         return {}  # another flow rate, which is among what may be measured, needs a velocity
     return expected_log_modulus_sds(grid, measurement)
 
@@ -600,7 +547,7 @@ def _named_as_given(draws: dict[str, Floats], grid: ExactPosterior) -> dict[str,
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     """Sample with emcee until the gates hold and the shape's parameters agree with the grid."""
     density, table_gates = _tabulated(grid)
-    on_sheet = SheetDensity(grid) if isinstance(grid, WeightedPosterior) else None
+    on_sheet = SheetDensity(grid) if _has_many_unknowns(grid) else None
     log_density = on_sheet or LogDensity(grid.forward, density)
     shape = {name: grid.log_marginal(name) for name in log_density.names}
 

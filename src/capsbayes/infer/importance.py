@@ -1,4 +1,4 @@
-"""The exact engine for a model with several further coordinates: importance sampling from a fitted mixture."""
+"""The exact engine for a model with further coordinates: importance sampling from a fitted mixture."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
-from capsbayes.infer.grid import ExactPosterior, NodePosterior, Nodes
+from capsbayes.infer.grid import ExactPosterior, Nodes
 from capsbayes.infer.likelihood import ModelAtPoints
-from capsbayes.infer.mixed import MixedQuadrature
 from capsbayes.infer.outline import outline_likelihood
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Marginal, Prior
 from capsbayes.infer.proposal import (
@@ -42,36 +41,16 @@ from capsbayes.status import Status
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedPosterior(NodePosterior):
-    """Posterior of one capsule over (log Ca, a/l) and several further coordinates.
-
-    Parameters
-    ----------
-    forward : ForwardModel
-    density : PosteriorDensity
-        With the coordinates.
-    frame : Frame
-    proposal : Proposal
-        What the points were drawn from.
-    points : (n, d) array
-        In the frame, of finite density.
-    log_density : (n,) array
-        Of the posterior in the frame, up to a constant.
-    weights : (n,) array
-        Probability of each point.
-    nodes : Nodes
-        The model there.
-    gates : tuple of Gate
-        On the weights.
-    """
+class WeightedPosterior(ExactPosterior):
+    """Posterior of one capsule over (log Ca, a/l) and further coordinates."""
 
     forward: ForwardModel
     density: PosteriorDensity
     frame: Frame
-    proposal: Proposal
-    points: Floats
-    log_density: Floats
-    weights: Floats
+    proposal: Proposal  # what the points were drawn from
+    points: Floats  # (n, d): in the frame, of finite density
+    log_density: Floats  # (n,): of the posterior in the frame, up to a constant
+    weights: Floats  # (n,): probability of each point
     nodes: Nodes
     gates: tuple[Gate, ...]
     unresolved: ClassVar[Status] = Status.TOO_FEW_DRAWS
@@ -90,30 +69,25 @@ class WeightedPosterior(NodePosterior):
 
     @cached_property
     def cut(self) -> bool:
-        """See `NodePosterior`."""
         if self.density.prior.is_general:
             return True
         place = self.nodes.model, self.nodes.log_ca, self.nodes.size, self._theta.get("half_width")
         return bool(np.min(self.density.log_share(*place)) < -1e-6)
 
     def marginal(self, name: str) -> Marginal:
-        """See `ExactPosterior`."""
         return self._summary(self._theta[name]) if name in self._own else super().marginal(name)
 
     def log_marginal(self, name: str) -> Marginal:
-        """See `ExactPosterior`; of a coordinate, which may vanish, the summary of itself."""
         if name in self._coordinates:
             return self._summary(self._theta[name])
         return self._summary(np.log(self._theta[name])) if name in self._own else super().log_marginal(name)
 
     def probability_below(self, name: str, value: float) -> float:
-        """See `ExactPosterior`."""
         if name in self._own:
             return float(self.weights @ (self._theta[name] <= value))
         return super().probability_below(name, value)
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-        """See `ExactPosterior`; a point comes as often as its weight says, give or take one."""
         rows = self.resampled(rng, count)
         names = ("capillary_number", "size_ratio", *self._coordinates)
         width = ("half_width",) if "half_width" in self._theta else ()
@@ -130,11 +104,9 @@ class WeightedPosterior(NodePosterior):
         return float(self.weights @ (logs - self.weights @ logs) ** 2)
 
     def variance_given(self, coordinate: str, name: str) -> float:
-        """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate.
-
-        The mean at given value is a cubic polynomial of its normal score under the prior, by least squares. One of a
-        known thickness adds none.
-        """
+        """Return the variance of the mean of the logarithm of a quantity over the values of a coordinate."""
+        # The mean at given value is a cubic polynomial of its normal score under the prior, by least squares. One of a
+        # known thickness adds none.
         if coordinate not in self.frame.columns:
             return 0.0
         logs = self._mean_logs[name]
@@ -147,10 +119,8 @@ class WeightedPosterior(NodePosterior):
         return float(self.weights @ (fit - self.weights @ fit) ** 2)
 
     def variance_given_all(self, name: str) -> float:
-        """Return the variance of the mean of the logarithm of a quantity over the values of all coordinates together.
-
-        The mean is a cubic polynomial of their normal scores, as in `variance_given`.
-        """
+        """Return the variance of the mean of the logarithm of a quantity over the values of all coordinates."""
+        # The mean is a cubic polynomial of their normal scores, as in `variance_given`.
         scores = self.points[:, PLACE : PLACE + len(self.frame.columns)]
         fit = Polynomial.fitted(scores, self._mean_logs[name], self.weights)(scores)
         return float(self.weights @ (fit - self.weights @ fit) ** 2)
@@ -177,7 +147,6 @@ class WeightedPosterior(NodePosterior):
 
     @property
     def kept(self) -> tuple[Floats, Nodes, Floats | None]:
-        """See `NodePosterior`."""
         return self.weights, self.nodes, self._theta.get("half_width")
 
     @property
@@ -192,11 +161,10 @@ class WeightedPosterior(NodePosterior):
         return Marginal(mean, sd, *np.interp(Marginal.LEVELS, middles, values[order]).tolist())
 
 
-# The exact engine for a model with several further coordinates: a mixture fitted to the posterior, drawn and weighted.
+# The engine: a mixture fitted to the posterior, drawn and weighted.
 #
-# A cloud over the whole prior is weighted by a power of the posterior that keeps
-# enough of its points alive, a mixture is fitted to them and drawn from, and so on
-# until the power is one. The draws are a quasi-random sequence, so that
+# A cloud over the whole prior is weighted by a power of the posterior that keeps enough of its points alive, a mixture
+# is fitted to them and drawn from, and so on until the power is one. The draws are a quasi-random sequence, so that
 # sums over them converge faster than those over random ones
 
 _CLOUD = 2**14  # points over the prior
@@ -207,8 +175,11 @@ _ALIVE = 0.1  # share of effective draws to which a mixture is fitted
 _GAIN = 1.15  # of the share of effective draws by a round that leads to another one
 _FITS = 0.4  # share of effective draws that suffices
 _SHAPES = 2**13  # draws of what the priors predict
-_LENGTHS, _OUTLINE, _NEXT = (10_000.0, 2**13, 2**16), (15_000.0, 2**14, 2**15), (1_500.0, 2**12, 2**14)
-"""Effective draws that are enough, first and most draws."""
+# effective draws that are enough, first and most draws
+_LENGTHS = 10_000.0, 2**13, 2**16
+_ONE_COORDINATE = (40_000.0, 2**15, 2**18)  # and lengths: an end of an interval may lie on a flat tail
+_OUTLINE = 15_000.0, 2**14, 2**15
+_NEXT = 1_500.0, 2**12, 2**14  # from a posterior that is nearly the same
 _LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
 _REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
@@ -240,14 +211,7 @@ class Cloud:
 
 
 class ImportanceSampling:
-    """Engine for many capsules of one experiment and one model with several further coordinates.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    experiment : Experiment
-    prior : Prior, optional
-    """
+    """Engine for many capsules of one experiment and one model with further coordinates."""
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment = model, experiment
@@ -266,23 +230,7 @@ class ImportanceSampling:
         error_scale: float = 1.0,
         near: WeightedPosterior | None = None,
     ) -> WeightedPosterior:
-        """Compute the posterior of one capsule.
-
-        Parameters
-        ----------
-        measurement : Measurement
-        inputs : Inputs, optional
-            Replace those of the measurement and of the experiment.
-        error_scale : float
-            Factor on the model's own standard errors.
-        near : WeightedPosterior, optional
-            One that is nearly the same, from which the search begins.
-
-        Raises
-        ------
-        InputError
-            If no case of the model has such a shape, or the prior excludes all that have it.
-        """
+        """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinates)
         frame = self._frame(density)
@@ -293,27 +241,13 @@ class ImportanceSampling:
         proposal, tried = self._fitted(frame, density, cloud)
         check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
         if measurement.outline is None:
-            return self._finished(frame, density, proposal, _LENGTHS)
+            return self._finished(frame, density, proposal, _LENGTHS if len(self.coordinates) > 1 else _ONE_COORDINATE)
         return self._of_outline(frame, density, (proposal, tried), measurement)
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
-        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
-
-        Half of them are drawn where L_z is as measured, which the p-value of L_a is predicted from; the weights
-        undo that choice.
-
-        Parameters
-        ----------
-        density : PosteriorDensity
-            Of the capsule.
-
-        Returns
-        -------
-        model : ModelAtPoints
-            Of (n,) arrays.
-        logs : (n,) array
-            Up to a constant of the capsule.
-        """
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities."""
+        # Half of them are drawn where L_z is as measured, which the p-value of L_a is predicted from; the weights undo
+        # that choice.
         inputs, rough = density.inputs.first_source, with_error_of_half_width(density)
         if density.by_thickness:
             inputs = replace(inputs, half_width=Quantity(inputs.half_width.value, unit="m"))
@@ -333,10 +267,8 @@ class ImportanceSampling:
     def _of_outline(
         self, frame: Frame, density: PosteriorDensity, fitted: tuple[Proposal, Cloud], measurement: Measurement
     ) -> WeightedPosterior:
-        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape.
-
-        While it is sought, some points of the outline stand for all.
-        """
+        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape."""
+        # While it is sought, some points of the outline stand for all.
         assert measurement.outline is not None, "an outline"
         every = max(1, len(measurement.outline.points) // _SEARCHED)
         some = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
@@ -383,10 +315,8 @@ class ImportanceSampling:
     def _seen_from(
         self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats, others: Floats
     ) -> PosteriorDensity:
-        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,).
-
-        The model's own error is averaged over this and other points (k, d): it may change much from place to place.
-        """
+        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,)."""
+        # The model's own error is averaged over this and other points (k, d): it may change much from place to place.
         assert measurement.outline is not None, "an outline"
         values = frame.theta(np.concatenate([there[None], others]))
         theta, *rest = (
@@ -415,11 +345,9 @@ class ImportanceSampling:
     def _fitted(
         self, frame: Frame, density: PosteriorDensity, cloud: Cloud, enough: float = _FITS
     ) -> tuple[Proposal, Cloud]:
-        """Return a proposal fitted to the posterior and the last draws before it, from a cloud that is wider.
-
-        There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no more
-        and few of them are effective, there are more draws in each.
-        """
+        """Return a proposal fitted to the posterior and the last draws before it, from a cloud that is wider."""
+        # There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no
+        # more and few of them are effective, there are more draws in each.
         proposal, number = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED)), 0
         for count in (_TRIED, 4 * _TRIED):
             before = 0.0
@@ -489,23 +417,16 @@ def _spread(weights: Floats) -> Integers:
     return np.searchsorted(np.cumsum(weights), shares * weights.sum())
 
 
-# The engine whose posterior needs no chains: by the number of further coordinates of the model
+# The engine whose posterior needs no chains
 
-ExactEngine = Quadrature | MixedQuadrature | ImportanceSampling
+ExactEngine = Quadrature | ImportanceSampling
 
 
-def exact_engine(
-    model: ForwardModel, experiment: Experiment, prior: Prior | None = None, *, outline: bool = False
-) -> ExactEngine:
-    """Return a `Quadrature`, for a model with one further coordinate a mixture, with several `ImportanceSampling`.
-
-    The last is also for measurements with an outline and one coordinate: an outline is worth so much that a mixture
-    needs a hundred cells, each with a grid of its own. And a thickness of the membrane ties a coordinate to the radius,
-    which only the last can do.
-    """
+def exact_engine(model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> ExactEngine:
+    """Return the grid engine, or importance sampling for a model with further coordinates."""
     prior = (prior or Prior()).with_thickness(experiment)
-    kinds = Quadrature, ImportanceSampling if outline else MixedQuadrature, ImportanceSampling
-    return kinds[2 if THICKNESS in prior.coordinates else min(len(model.coordinates), 2)](model, experiment, prior)
+    engine = ImportanceSampling if model.coordinates else Quadrature
+    return engine(model, experiment, prior)
 
 
 def engine_near(engine: ExactEngine, posterior: ExactPosterior) -> Callable[..., ExactPosterior]:

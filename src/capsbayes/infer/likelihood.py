@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
+from scipy.special import erfc
 
 from capsbayes.arrays import Floats
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
 
-# Compiled formulas of inference: the exact engine reads them for arrays, rows of many capsules for one node at a time.
-#
-# The lengths (L_z, L_a) are Gaussian: L_z with the variance ``zz``, and L_a given L_z. L_a is NaN where it is missing
+# Formulas of arrays that broadcast: z and a are measured minus predicted L_z and L_a, zz, za and aa their covariance,
+# of the measurement and of the model together; a is NaN where L_a was not measured
 
 NUDGE = 0.5  # posterior standard deviations: what lies within them of a border leans on it
 _FAR = 100.0  # beyond the smallest squared score: tails out there are less than 1e-21 of the largest
@@ -25,306 +23,152 @@ _FAR = 100.0  # beyond the smallest squared score: tails out there are less than
 compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
-@compiled
-def length_given_extent(z, a, zz, za, aa):  # type: ignore[no-untyped-def]
+def length_given_extent(z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats) -> tuple[Floats, Floats]:
     """Return the difference of L_a that is left once that of L_z is known, and its variance."""
     return a - za / zz * z, aa - za * za / zz
 
 
-@compiled
-def misfit(z: float, a: float, zz: float, za: float, aa: float) -> tuple[float, float]:
-    """Return the squared Mahalanobis distance of the lengths and the determinant of 2 pi times their covariance.
-
-    Parameters
-    ----------
-    z, a : float
-        Measured minus predicted L_z and L_a; ``a`` is NaN where L_a was not measured.
-    zz, za, aa : float
-        Covariance, of the measurement and of the model together.
-    """
-    square, volume = z * z / zz, 2.0 * np.pi * zz
-    if not np.isnan(a):
-        rest, variance = length_given_extent(z, a, zz, za, aa)
-        square += rest * rest / variance
-        volume *= 2.0 * np.pi * variance
-    return square, volume
+@np.errstate(all="ignore")
+def misfits(z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats) -> tuple[Floats, Floats]:
+    """Return the squared Mahalanobis distance of the lengths, and the determinant of 2 pi times their covariance."""
+    rest, variance = length_given_extent(z, a, zz, za, aa)
+    known = ~np.isnan(a)
+    square = z * z / zz + np.where(known, rest * rest / variance, 0.0)
+    volume = 2.0 * np.pi * zz * np.where(known, 2.0 * np.pi * variance, 1.0)
+    first, second = np.broadcast_arrays(square, volume)
+    return first, second
 
 
-@compiled
-def velocity_ratio(
-    z: float, a: float, zz: float, za: float, aa: float, ratio: float, zr: float, ar: float, rr: float
-) -> tuple[float, float]:
-    """Return mean and variance of v_o/U given the lengths.
-
-    The model's errors in the lengths and in v_o/U are correlated: what the lengths reveal of the former corrects the
-    latter.
-
-    Parameters
-    ----------
-    z, a, zz, za, aa : float
-        As of `misfit`.
-    ratio : float
-        v_o/U as predicted.
-    zr, ar, rr : float
-        Covariance of its error with those of L_z and L_a, and its variance.
-    """
-    mean, variance = ratio + zr / zz * z, rr - zr * zr / zz
-    if not np.isnan(a):
-        rest, left = length_given_extent(z, a, zz, za, aa)
-        shared = ar - za / zz * zr
-        mean += shared / left * rest
-        variance -= shared * shared / left
-    return mean, variance
+@np.errstate(all="ignore")
+def velocity_ratios(
+    z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats, ratio: Floats, zr: Floats, ar: Floats, rr: Floats
+) -> tuple[Floats, Floats]:
+    """Return mean and variance of v_o/U given the lengths, with whose errors in the model its own correlates."""
+    rest, left = length_given_extent(z, a, zz, za, aa)
+    known, shared = ~np.isnan(a), ar - za / zz * zr
+    mean = ratio + zr / zz * z + np.where(known, shared / left * rest, 0.0)
+    return mean, rr - zr * zr / zz - np.where(known, shared * shared / left, 0.0)
 
 
 class Flow(NamedTuple):
     """Second source of the mean velocity, the flow rate over the area of the cross-section: U = Q / (A/l^2 l^2).
 
     All quantities are log-normal here, so that everything stays Gaussian in the logarithms.
-
-    Parameters
-    ----------
-    offset : float
-        Log of Q / (A v_o), by the means of the logarithms: minus log(v_o/U) if both agree; NaN without a flow rate.
-    velocity, half_width, rate : float
-        Variances of log v_o (infinite where it was not measured: the flow rate is then the only source), of log l
-        (zero where l is known or a dimension of its own) and of log Q.
     """
 
-    offset: float
-    velocity: float
-    half_width: float
-    rate: float
+    offset: Floats | float  # log of Q / (A v_o) by the means: minus log(v_o/U) if both agree
+    velocity: float  # variance of log v_o, infinite where the flow rate is the only source
+    half_width: float  # variance of log l, zero where l is known or a dimension
+    rate: float  # variance of log Q
 
 
-@compiled
-def flow_mismatch(log_ratio, variance, flow):  # type: ignore[no-untyped-def]
-    """Return log of Q r / (A v_o), which is zero where both sources of U agree, and its variance.
-
-    Parameters
-    ----------
-    log_ratio, variance : float or array
-        Log of r = v_o/U of the model, and its variance.
-    flow : Flow
-    """
-    return flow.offset + log_ratio, flow.velocity + 4.0 * flow.half_width + flow.rate + variance
+def flow_mismatch(log_ratio: Floats, variance: Floats | float, flow: Flow) -> tuple[Floats, Floats]:
+    """Return log of Q r / (A v_o), which is zero where both sources of U agree, and its variance."""
+    return flow.offset + log_ratio, flow.velocity + 4.0 * flow.half_width + flow.rate + np.asarray(variance)
 
 
-@compiled
-def given_flow(log_ratio, variance, flow):  # type: ignore[no-untyped-def]
-    """Return the changes of log U, log l, log v_o and log(v_o/U) by the flow rate, and their variances given it.
-
-    Parameters
-    ----------
-    log_ratio, variance, flow
-        As of `flow_mismatch`; log U without the flow rate is log v_o - log_ratio.
-
-    Returns
-    -------
-    changes, variances : tuples of four
-    """
-    mismatch, total = flow_mismatch(log_ratio, variance, flow)
+@np.errstate(divide="ignore", invalid="ignore")
+def given_flow(log_ratio: Floats, variance: Floats | float, flow: Flow) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return the changes of log U, log l, log v_o and log(v_o/U) by the flow rate, and their variances given it."""
+    (mismatch, total), variance = flow_mismatch(log_ratio, variance, flow), np.float64(1.0) * variance
     width, pull = flow.half_width, mismatch / total
     by_rate = 4.0 * width + flow.rate
     own = 1.0 / (1.0 + by_rate / (flow.velocity + variance))  # shares of the mismatch, one if v_o was not measured
-    speed = 1.0 / (1.0 + (by_rate + variance) / flow.velocity)
+    speed = 1.0 / (1.0 + (by_rate + variance) / np.float64(flow.velocity))
     changes = own * mismatch, 2.0 * width * pull, speed * mismatch, -variance * pull
-    return changes, (
-        own * by_rate,
-        width * (1.0 - 4.0 * width / total),
-        speed * (by_rate + variance),
-        variance * (1.0 - variance / total),
-    )
+    left = width * (1.0 - 4.0 * width / total), variance * (1.0 - variance / total)
+    return changes, (own * by_rate, left[0], speed * (by_rate + variance), left[1])
 
 
-@compiled
 def p_value(weights: Floats, scores: Floats) -> float:
     """Return the two-sided p-value of a number whose distribution is a mixture of normal ones.
 
-    Parameters
-    ----------
-    weights : (n,) array
-        Of any sum.
-    scores : (n,) array
-        Distance from each mean in standard deviations of each.
+    `scores` (n,) are the distances from their means in their standard deviations, `weights` (n,) of any sum.
     """
-    nearest = np.inf
-    for k in range(len(scores)):
-        nearest = min(nearest, scores[k] ** 2)
-    below, above = 0.0, 0.0
-    for k in range(len(scores)):
-        tail = 0.0
-        if not scores[k] ** 2 > nearest + _FAR:  # nor if it is not a number
-            tail = weights[k] * math.erfc(abs(scores[k]) / math.sqrt(2.0))
-        below += tail if scores[k] < 0.0 else 2.0 * weights[k] - tail
-        above += 2.0 * weights[k] - tail if scores[k] < 0.0 else tail
-    return min(below, above) / weights.sum()
+    far = scores**2 > np.fmin.reduce(scores**2) + _FAR
+    tail = np.where(far, 0.0, weights * erfc(np.abs(scores) / np.sqrt(2.0)))
+    below = np.sum(np.where(scores < 0.0, tail, 2.0 * weights - tail))
+    above = np.sum(np.where(scores < 0.0, 2.0 * weights - tail, tail))
+    return float(min(below, above) / weights.sum())
 
 
-@compiled
 def p_values_of_lengths(
     weights: Floats, z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats
 ) -> tuple[float, float]:
     """Return the p-values of L_z, predicted from the prior, and of L_a, predicted from L_z and the prior.
 
-    Parameters
-    ----------
-    weights : (n,) array
-        Prior probabilities of shapes, of any sum.
-    z, a, zz, za, aa : (n,) arrays
-        As of `misfit`.
+    `weights` (n,) are prior probabilities of shapes, of any sum.
     """
-    scores, likely = np.empty(len(z)), np.empty(len(z))
-    nearest = np.inf
-    for k in range(len(z)):
-        scores[k] = z[k] / np.sqrt(zz[k])
-        nearest = min(nearest, scores[k] ** 2)
-    of_extent, count = p_value(weights, scores), 0
-    for k in range(len(z)):
-        if scores[k] ** 2 < nearest + _FAR:
-            likely[count] = weights[k] * np.exp(0.5 * (nearest - scores[k] ** 2)) / np.sqrt(zz[k])
-            rest, variance = length_given_extent(z[k], a[k], zz[k], za[k], aa[k])
-            scores[count] = rest / np.sqrt(variance)
-            count += 1
-    return of_extent, p_value(likely[:count], scores[:count])
+    scores = z / np.sqrt(zz)
+    above = scores**2 - np.fmin.reduce(scores**2)
+    likely = above < _FAR
+    rest, variance = length_given_extent(*(values[likely] for values in (z, a, zz, za, aa)))
+    given = weights[likely] * np.exp(-0.5 * above[likely]) / np.sqrt(zz[likely])
+    return p_value(weights, scores), p_value(given, rest / np.sqrt(variance))
 
 
-@compiled
-def _fill_misfits(z, a, zz, za, aa, square, volume):  # type: ignore[no-untyped-def]
-    for k in range(len(z)):
-        square[k], volume[k] = misfit(z[k], a[k], zz[k], za[k], aa[k])
-
-
-@compiled
-def _fill_velocity_ratios(z, a, zz, za, aa, ratio, zr, ar, rr, mean, variance):  # type: ignore[no-untyped-def]
-    for k in range(len(z)):
-        numbers = ratio[k], zr[k], ar[k], rr[k]
-        mean[k], variance[k] = velocity_ratio(z[k], a[k], zz[k], za[k], aa[k], *numbers)
-
-
-def misfits(*arguments: ArrayLike) -> tuple[Floats, Floats]:
-    """Return `misfit` of arrays that broadcast."""
-    return _filled(_fill_misfits, arguments)
-
-
-def velocity_ratios(*arguments: ArrayLike) -> tuple[Floats, Floats]:
-    """Return `velocity_ratio` of arrays that broadcast."""
-    return _filled(_fill_velocity_ratios, arguments)
-
-
-def _filled(fill: Callable[..., None], arguments: Sequence[ArrayLike]) -> tuple[Floats, Floats]:
-    arrays = np.broadcast_arrays(*arguments)
-    first, second = np.empty(arrays[0].size), np.empty(arrays[0].size)
-    fill(*(np.ascontiguousarray(array, dtype=np.float64).ravel() for array in arrays), first, second)
-    return first.reshape(arrays[0].shape), second.reshape(arrays[0].shape)
-
-
-@compiled
 def sd_in_cells(masses: Floats) -> float:
     """Return the standard deviation of probabilities (n,) of any sum, in cells."""
-    total, mean, square = 0.0, 0.0, 0.0
-    for k in range(len(masses)):
-        total += masses[k]
-        mean += masses[k] * k
-    mean /= total
-    for k in range(len(masses)):
-        square += masses[k] * (k - mean) ** 2
-    return np.sqrt(square / total)
+    cells, total = np.arange(len(masses)), np.sum(masses)
+    mean = np.sum(masses * cells) / total
+    return float(np.sqrt(np.sum(masses * (cells - mean) ** 2) / total))
 
 
-@compiled
 def feature_in_cells(masses: Floats) -> float:
-    """Return the standard deviation, in cells, of a Gaussian as steep as probabilities (n, m) along their last axis.
-
-    For a Gaussian the sum of squares over the sum of squared differences of neighbours is twice the variance; for
-    several modes it is that of the narrow ones, however far apart they are.
-    """
-    squares, steps = 0.0, 0.0
-    for i in range(masses.shape[0]):
-        for j in range(masses.shape[1]):
-            squares += masses[i, j] ** 2
-            if j:
-                steps += (masses[i, j] - masses[i, j - 1]) ** 2
-    return np.sqrt(squares / max(2.0 * steps, 1e-300))
+    """Return the standard deviation, in cells, of a Gaussian as steep as probabilities (n, m) along their last axis."""
+    # For a Gaussian the sum of squares over that of squared differences of neighbours is twice the variance; for
+    # several modes it is that of the narrow ones, however far apart they are.
+    return float(np.sqrt(np.sum(masses**2) / max(2.0 * np.sum(np.diff(masses, axis=1) ** 2), 1e-300)))
 
 
-@compiled
 def resolution(weights: Floats) -> tuple[tuple[float, float], tuple[float, float, float]]:
     """Return how well the cells of planes resolve probabilities (k, i, j).
 
     Of the sum over all else along i, and along j, the `sd_in_cells` and the `feature_in_cells`; and the latter along j
     of the plane with the largest sum.
     """
-    rows, columns = np.zeros((1, weights.shape[1])), np.zeros((1, weights.shape[2]))
-    heaviest, largest = 0, -1.0
-    for k in range(weights.shape[0]):
-        total = 0.0
-        for i in range(weights.shape[1]):
-            for j in range(weights.shape[2]):
-                rows[0, i] += weights[k, i, j]
-                columns[0, j] += weights[k, i, j]
-                total += weights[k, i, j]
-        if total > largest:
-            heaviest, largest = k, total
-    of_rows = sd_in_cells(rows[0]), feature_in_cells(rows)
-    return of_rows, (sd_in_cells(columns[0]), feature_in_cells(columns), feature_in_cells(weights[heaviest]))
+    rows, columns = weights.sum(axis=(0, 2)), weights.sum(axis=(0, 1))
+    heaviest = weights[np.argmax(weights.sum(axis=(1, 2)))]
+    of_columns = sd_in_cells(columns), feature_in_cells(columns[None]), feature_in_cells(heaviest)
+    return (sd_in_cells(rows), feature_in_cells(rows[None])), of_columns
 
 
-@compiled
 def border_steps(covariance: Floats) -> Floats:
     """Return the steps that take what leans on a border beyond it : (2 d, d) array.
 
     Half a standard deviation either way along each principal axis of a covariance (d, d) of one or two quantities.
     """
-    steps = np.zeros((2 * len(covariance), len(covariance)))
-    xx, xy, yy = covariance[0, 0], covariance[0, -1], covariance[-1, -1]
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) if len(covariance) == 2 else 0.0
-    for k in range(len(covariance)):
-        x, y = np.cos(angle + 0.5 * np.pi * k), np.sin(angle + 0.5 * np.pi * k)
-        reach = NUDGE * np.sqrt(max(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0))
-        steps[2 * k, 0], steps[2 * k + 1, 0] = reach * x, -reach * x
-        if len(covariance) == 2:
-            steps[2 * k, 1], steps[2 * k + 1, 1] = reach * y, -reach * y
-    return steps
+    if len(covariance) == 1:
+        return NUDGE * np.sqrt(covariance) * [[1.0], [-1.0]]
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    angles = 0.5 * np.arctan2(2.0 * xy, xx - yy) + np.array([0.0, 0.5 * np.pi])
+    x, y = np.cos(angles), np.sin(angles)
+    reach = NUDGE * np.sqrt(np.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0))
+    ends = reach[:, None] * np.stack([x, y], axis=1)
+    return np.stack([ends, -ends], axis=1).reshape(4, 2)
 
 
 # Likelihood of the lengths: Gaussian, with the measurement's covariance plus the model's own at that point.
 #
-# The model's error varies over the (Ca, a/l) plane, so the determinant of the
-# covariance is part of the likelihood. L_a may be missing
+# The model's error varies over the (Ca, a/l) plane, so the determinant of the covariance is part of the likelihood. L_a
+# may be missing
 
 
 class ModelAtPoints(NamedTuple):
-    """Predictions of a model as the likelihood reads them, of any batch shape.
+    """Predictions of a model as the likelihood reads them, of any batch shape."""
 
-    Parameters
-    ----------
-    extent, length, velocity_ratio : arrays [l], [l], [U]
-        L_z, L_a, v_o/U.
-    zz, za, aa : arrays
-        Covariance of the model's own error in L_z and L_a.
-    zr, ar, rr : arrays
-        The same with v_o/U.
-    stretch_ratio : array
-        Lambda.
-    log_area : array or None
-        Log of the area of the cross-section over that of the plain one, where a flow rate is given.
-    outline : array or None
-        Log density of the measured outline given the model's, where there is one.
-    """
-
-    extent: Floats
-    length: Floats
-    velocity_ratio: Floats
-    zz: Floats
+    extent: Floats  # L_z [l]
+    length: Floats  # L_a [l]
+    velocity_ratio: Floats  # v_o/U
+    zz: Floats  # covariance of the model's own error in L_z and L_a
     za: Floats
     aa: Floats
-    zr: Floats
+    zr: Floats  # the same with v_o/U
     ar: Floats
     rr: Floats
-    stretch_ratio: Floats
-    outline: Floats | None = None
-    log_area: Floats | None = None
+    stretch_ratio: Floats  # Lambda
+    outline: Floats | None = None  # log density of the measured outline
+    log_area: Floats | None = None  # of the cross-section over that of the plain one, given a flow rate
 
     def at_unit_velocity(self) -> ModelAtPoints:
         """Return the same with v_o/U known to be one, as where mu U is given in place of viscosity and velocity."""
@@ -356,34 +200,14 @@ class ModelAtPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LengthsLikelihood:
-    """Density of the measured lengths given the model.
+    """Density of the measured lengths given the model."""
 
-    Parameters
-    ----------
-    extent : float
-        L_z as measured.
-    length : float or None
-        L_a as measured.
-    zz, za, aa : float
-        Covariance of the measurement.
-    over_half_width : bool
-        True if they are over l, else they are in metres.
-
-    Examples
-    --------
-    >>> seen = LengthsLikelihood(2.14, None, 0.01**2, 0.0, 0.0, True)
-    >>> ones, zeros = np.ones(1), np.zeros(1)
-    >>> at = ModelAtPoints(2.14 * ones, ones, ones, zeros, zeros, zeros, zeros, zeros, zeros, ones)
-    >>> seen.log_density(at).round(4).tolist()  # -log(0.01 sqrt(2 pi))
-    [3.6862]
-    """
-
-    extent: float
-    length: float | None
-    zz: float
+    extent: float  # L_z
+    length: float | None  # L_a
+    zz: float  # covariance of the measurement
     za: float
     aa: float
-    over_half_width: bool
+    over_half_width: bool  # else in metres
 
     @classmethod
     def of(cls, measurement: Measurement) -> LengthsLikelihood:
@@ -400,21 +224,7 @@ class LengthsLikelihood:
         )
 
     def log_density(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> Floats:
-        """Return the log density of the measured lengths.
-
-        Parameters
-        ----------
-        model : ModelAtPoints
-            Of any batch shape.
-        half_width : array that broadcasts with it [m]
-            Read only if the lengths are in metres; the density is then one of
-            lengths in metres, hence the powers of l.
-
-        Returns
-        -------
-        array
-            NaN where the model has no answer.
-        """
+        """Return the log density of the measured lengths."""
         square, volume = misfits(*self.differences(model, half_width))
         log_density = -0.5 * (square + np.log(volume))
         if self.over_half_width:
@@ -426,7 +236,7 @@ class LengthsLikelihood:
         return np.sqrt(misfits(*self.differences(model, half_width))[0])
 
     def velocity_ratio(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, Floats]:
-        """Return mean and variance of the true v_o/U given the lengths : arrays, see `kernel.velocity_ratio`."""
+        """Return mean and variance of the true v_o/U given the lengths : arrays, see `velocity_ratios`."""
         differences = self.differences(model, half_width)
         return velocity_ratios(*differences, model.velocity_ratio, model.zr, model.ar, model.rr)
 
@@ -439,8 +249,10 @@ class LengthsLikelihood:
         zz, za, aa = (value / centre**2 for value in (self.zz, self.za, self.aa))
         return LengthsLikelihood(z, a, zz + share * z * z, za + share * z * other, aa + share * other * other, True)
 
-    def differences(self, model: ModelAtPoints, half_width: ArrayLike = 1.0) -> tuple[Floats, ...]:
-        """Return measured minus predicted L_z and L_a [l], and their covariance : what `kernel.misfit` takes."""
+    def differences(
+        self, model: ModelAtPoints, half_width: ArrayLike = 1.0
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Return measured minus predicted L_z and L_a [l], and their covariance : what `misfits` takes."""
         scale = 1.0 if self.over_half_width else np.asarray(half_width)
         square = scale * scale
         length = np.nan if self.length is None else self.length

@@ -1,12 +1,8 @@
-"""Positive quantities as probabilities on a uniform grid of their logarithm: products become convolutions.
-
-The functions are compiled, for loops over many capsules; the methods of `LogGrid` are their face for one.
-"""
+"""Positive quantities as probabilities on a uniform grid of their logarithm: products become convolutions."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,38 +13,18 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.quantity import Quantity
 
 CELLS_PER_SD = 16  # of the grid a density is laid on: the sum's error is far below the printed digits
-_COARSEST = 4.0  # cells in a standard deviation of factors that many capsules have each for themselves
 _NODES = 8.0  # cells in a standard deviation of weighted nodes
 _REACH = 8.0  # standard deviations on either side
-_LEVELS = Marginal.LEVELS
 _TAIL = 1e-9  # probability beyond either end of the grid of another distribution
 
 
 class LogGrid(NamedTuple):
-    """Distribution of a positive quantity x.
+    """Distribution of a positive quantity x."""
 
-    Parameters
-    ----------
-    start : float
-        Logarithm of x at the first grid point.
-    step : float
-        Distance of the grid points; any positive number for a single point.
-    masses : (m,) array
-        Probabilities, summing to one.
-    mean, variance : float
-        Moments of log x before it was laid on the grid.
-
-    Examples
-    --------
-    >>> product = LogGrid.known(2.0).times(LogGrid.known(3.0))
-    >>> round(product.marginal().median, 9)
-    6.0
-    """
-
-    start: float
-    step: float
-    masses: Floats
-    mean: float
+    start: float  # logarithm of x at the first grid point
+    step: float  # distance of the grid points; any positive number for a single point
+    masses: Floats  # (m,): probabilities, summing to one
+    mean: float  # moments of log x before it was laid on the grid
     variance: float
 
     @classmethod
@@ -74,34 +50,18 @@ class LogGrid(NamedTuple):
         density = quantity.log_shape(np.exp(logs)) + (power + 1.0) * logs  # one power more from dx = x dlog x
         masses = np.exp(density - density.max())
         masses /= masses.sum()
-        mean = float(np.sum(masses * logs))
-        return cls(float(logs[0]), step, masses, mean, float(np.sum(masses * (logs - mean) ** 2)))
+        return cls(float(logs[0]), step, masses, *_moments(logs, masses))
 
     @classmethod
     def normal(cls, variance: float) -> LogGrid:
         """Return a factor about one whose logarithm is normal."""
-        return lognormal(float(variance), float(np.sqrt(max(variance, 0.0))) / CELLS_PER_SD)
-
-    @classmethod
-    def mixed(cls, parts: Sequence[LogGrid], weights: Floats) -> LogGrid:
-        """Return the mixture of several distributions.
-
-        Parameters
-        ----------
-        parts : sequence of LogGrid
-        weights : (n,) array
-            Probability of each, summing to one.
-        """
-        if len(parts) == 1:
-            return parts[0]
-        means = np.array([part.mean for part in parts])
-        mean = float(np.sum(weights * means))
-        variance = float(np.sum(weights * (np.array([part.variance for part in parts]) + (means - mean) ** 2)))
-        steps = [part.step for part in parts if len(part.masses) > 1]
-        logs = np.concatenate([part.logs for part in parts])
-        masses = np.concatenate([weight * part.masses for weight, part in zip(weights, parts, strict=True)])
-        grid = binned(logs, masses, float(max(steps, default=np.sqrt(variance) / CELLS_PER_SD)))
-        return grid._replace(mean=mean, variance=variance)
+        variance = float(variance)
+        if variance <= 0.0:
+            return cls(0.0, 1e-12, np.ones(1), 0.0, 0.0)
+        step = float(np.sqrt(variance)) / CELLS_PER_SD
+        reach = int(np.ceil(_REACH * np.sqrt(variance) / step))
+        masses = np.exp(-0.5 * (step * np.arange(-reach, reach + 1)) ** 2 / variance)
+        return cls(-step * reach, step, masses / masses.sum(), 0.0, variance)
 
     @property
     def logs(self) -> Floats:
@@ -113,247 +73,114 @@ class LogGrid(NamedTuple):
         """Logarithm of x at the last grid point."""
         return self.start + self.step * (len(self.masses) - 1)
 
+    def scaled(self, log: float) -> LogGrid:
+        """Multiply by a known factor, whose logarithm is given."""
+        return self._replace(start=self.start + log, mean=self.mean + log)
+
     def times(self, other: LogGrid) -> LogGrid:
         """Return the product with an independent quantity."""
-        return product(self, other)
+        step = max((grid.step for grid in (self, other) if len(grid.masses) > 1), default=other.step)
+        first, second = self.resampled(step), other.resampled(step)
+        masses = _convolved(first.masses, second.masses)
+        return LogGrid(first.start + second.start, step, masses, self.mean + other.mean, self.variance + other.variance)
+
+    def resampled(self, step: float) -> LogGrid:
+        """Return the same distribution on another grid."""
+        if len(self.masses) == 1:
+            return self._replace(step=step)
+        if step == self.step:
+            return self
+        return binned(self.logs, self.masses, step)._replace(mean=self.mean, variance=self.variance)
 
     def below(self, logs: Floats) -> Floats:
         """Return the probability that log x is below each value, linear within a cell of the grid : (n,) array."""
         if len(self.masses) == 1:
             return (logs >= self.start).astype(float)
-        first, width = _first_edge_and_width(self)
-        edges = first + width * np.arange(len(self.masses) + 1)
-        return np.interp(logs, edges, np.concatenate([[0.0], np.cumsum(self.masses)]), left=0.0, right=1.0)
+        return np.interp(logs, self._edges, np.concatenate([[0.0], np.cumsum(self.masses)]), left=0.0, right=1.0)
 
     def drawn(self, rng: np.random.Generator, count: int) -> Floats:
         """Return independent draws of x : (count,) array, spread within the cells."""
         if len(self.masses) == 1:
             return np.full(count, np.exp(self.mean))
         index = rng.choice(len(self.masses), size=count, p=self.masses)
-        mean, factor = _correction(self)
+        mean, factor = self._correction
         logs = self.start + self.step * (index + rng.uniform(-0.5, 0.5, count))
         return np.exp(self.mean + (logs - mean) * factor)
 
     def marginal(self) -> Marginal:
         """Return mean, standard deviation and quantiles of x."""
-        numbers = np.empty(2 + len(_LEVELS))
-        summarise(self, numbers)
-        return Marginal(*numbers.tolist())
+        quantiles = np.exp(self._quantiles).tolist()
+        if len(self.masses) == 1:
+            return Marginal(quantiles[0], 0.0, *quantiles)
+        edges = np.exp(self._edges)
+        low, middle, high = edges[:-1], np.sqrt(edges[:-1] * edges[1:]), edges[1:]  # Simpson's rule within a cell
+        mean = np.sum(self.masses * (low + 4.0 * middle + high)) / 6.0
+        squares = np.sum(self.masses * ((low - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (high - mean) ** 2)) / 6.0
+        return Marginal(float(mean), float(np.sqrt(squares)), *quantiles)
 
     def log_marginal(self) -> Marginal:
         """Return mean, standard deviation and quantiles of log x."""
-        quantiles = np.empty(len(_LEVELS))
-        _fill_quantiles(self, quantiles)
-        return Marginal(self.mean, float(np.sqrt(self.variance)), *quantiles.tolist())
+        return Marginal(self.mean, float(np.sqrt(self.variance)), *self._quantiles.tolist())
+
+    @property
+    def _correction(self) -> tuple[float, float]:
+        """Mean at the grid points, and the factor on distances from it that undoes the widening by the grid."""
+        mean, variance = _moments(self.logs, self.masses)
+        return mean, float(np.sqrt(self.variance / (variance + self.step**2 / 12.0)))
+
+    @property
+    def _edges(self) -> Floats:
+        """Edges of the cells, corrected : (m + 1,) array."""
+        mean, factor = self._correction
+        first = self.mean + (self.start - 0.5 * self.step - mean) * factor
+        return np.asarray(first + self.step * factor * np.arange(len(self.masses) + 1))
+
+    @property
+    def _quantiles(self) -> Floats:
+        """Values of log x below which the `Marginal.LEVELS` lie, linear within a cell."""
+        levels = np.array(Marginal.LEVELS)
+        if len(self.masses) == 1:
+            return np.full(len(levels), self.mean)
+        reached = np.cumsum(self.masses)
+        cell = np.minimum(np.searchsorted(reached, levels), len(reached) - 1)
+        share = (levels - np.where(cell > 0, reached[cell - 1], 0.0)) / np.maximum(self.masses[cell], 1e-300)
+        edges = self._edges
+        return np.asarray(edges[0] + (edges[1] - edges[0]) * (cell + share))
 
 
-@compiled
 def binned(logs: Floats, weights: Floats, step: float) -> LogGrid:
-    """Share weighted nodes linearly between their two grid points.
-
-    Parameters
-    ----------
-    logs : (n,) array
-        Logarithms of x.
-    weights : (n,) array
-        Probabilities, summing to one.
-    step : float
-        Distance of the grid points; at least the distance of the nodes, or the masses come out as a comb.
-    """
+    """Share weighted nodes (n,) linearly between the points of a grid; a step below their distance gives a comb."""
     return _deposited(logs, weights, step, *_moments(logs, weights))
 
 
-@compiled
 def laid(logs: Floats, weights: Floats, least: float) -> LogGrid:
-    """Share weighted nodes between the points of a grid with eight points to a standard deviation.
-
-    Parameters
-    ----------
-    logs, weights : (n,) arrays
-        As of `binned`.
-    least : float
-        Smallest step: that of the nodes themselves.
-    """
-    low, high, mean, variance = _moments(logs, weights)
-    step = max(np.sqrt(variance) / _NODES, least, 1e-12)
-    return _deposited(logs, weights, step, low, high, mean, variance)
+    """Share weighted nodes between the points of a grid with eight to a standard deviation, or the step `least`."""
+    mean, variance = _moments(logs, weights)
+    return _deposited(logs, weights, max(np.sqrt(variance) / _NODES, least, 1e-12), mean, variance)
 
 
-@compiled
-def _moments(logs: Floats, weights: Floats) -> tuple[float, float, float, float]:
-    """Return the smallest and the largest of weighted nodes, their mean and their variance."""
-    low, high, mean, variance = np.inf, -np.inf, 0.0, 0.0
-    for k in range(len(logs)):
-        low, high = min(low, logs[k]), max(high, logs[k])
-        mean += weights[k] * logs[k]
-    for k in range(len(logs)):
-        variance += weights[k] * (logs[k] - mean) ** 2
-    return low, high, mean, variance
-
-
-@compiled
-def _deposited(
-    logs: Floats, weights: Floats, step: float, low: float, high: float, mean: float, variance: float
-) -> LogGrid:
+def _deposited(logs: Floats, weights: Floats, step: float, mean: float, variance: float) -> LogGrid:
+    low, high = float(logs.min()), float(logs.max())
     if high - low < 1e-14 * max(1.0, abs(low)):
         return LogGrid(mean, 1.0, np.ones(1), mean, 0.0)
-    masses = np.zeros(int((high - low) / step) + 2)
-    for k in range(len(logs)):
-        place = (logs[k] - low) / step
-        left = int(place)
-        share = place - left
-        masses[left] += weights[k] * (1.0 - share)
-        masses[left + 1] += weights[k] * share
+    count, place = int((high - low) / step) + 2, (logs - low) / step
+    left = place.astype(np.int64)
+    share = place - left
+    masses = np.bincount(left, weights * (1.0 - share), count) + np.bincount(left + 1, weights * share, count)
     return LogGrid(low, step, masses / masses.sum(), mean, variance)
 
 
-@compiled
-def positive_normal(centre: float, error: float, power: float, step: float) -> LogGrid:
-    """Lay a normal x cut at zero, its density times x^power, on a grid of log x.
-
-    Parameters
-    ----------
-    centre, error : float
-        Of the normal; an error of zero is a known number.
-    power : float
-    step : float
-        Largest step of the grid; a narrower distribution has a smaller one.
-    """
-    if error == 0.0:
-        return LogGrid(np.log(centre), step, np.ones(1), np.log(centre), 0.0)
-    own = min(step, error / centre / _COARSEST)
-    low = np.log(max(centre - _REACH * error, 1e-4 * centre))
-    masses = np.empty(int(np.ceil((np.log(centre + _REACH * error) - low) / own)) + 1)
-    for k in range(len(masses)):
-        log = low + own * k
-        masses[k] = np.exp(-0.5 * ((np.exp(log) - centre) / error) ** 2 + (power + 1.0) * log)
-    masses /= masses.sum()
-    mean, variance = _moments_on_grid(low, own, masses)
-    return LogGrid(low, own, masses, mean, variance)
+def _moments(logs: Floats, masses: Floats) -> tuple[float, float]:
+    """Return mean and variance of log x; by sums, as the digits of products of vectors depend on the BLAS kernel."""
+    mean = np.sum(masses * logs)
+    return float(mean), float(np.sum(masses * (logs - mean) ** 2))
 
 
 @compiled
-def lognormal(variance: float, step: float) -> LogGrid:
-    """Lay a factor about one whose logarithm is normal on a grid of this step, or of a smaller one if it is narrow."""
-    if variance <= 0.0:
-        return LogGrid(0.0, max(step, 1e-12), np.ones(1), 0.0, 0.0)
-    own = min(step, np.sqrt(variance) / _COARSEST)
-    count = 2 * int(np.ceil(_REACH * np.sqrt(variance) / own)) + 1
-    low = -own * (count // 2)
-    masses = np.empty(count)
-    for k in range(count):
-        masses[k] = np.exp(-0.5 * (low + own * k) ** 2 / variance)
-    return LogGrid(low, own, masses / masses.sum(), 0.0, variance)
-
-
-@compiled
-def scaled(grid: LogGrid, log: float) -> LogGrid:
-    """Multiply by a known factor, whose logarithm is given."""
-    return LogGrid(grid.start + log, grid.step, grid.masses, grid.mean + log, grid.variance)
-
-
-@compiled
-def inverse(grid: LogGrid) -> LogGrid:
-    """Return the distribution of 1/x."""
-    end = grid.start + grid.step * (len(grid.masses) - 1)
-    return LogGrid(-end, grid.step, grid.masses[::-1].copy(), -grid.mean, grid.variance)
-
-
-@compiled
-def share_between(grid: LogGrid, low: float, high: float) -> float:
-    """Return the probability that log x lies between two values, by whole points of the grid."""
-    share = 0.0
-    for k in range(len(grid.masses)):
-        if low <= grid.start + grid.step * k <= high:
-            share += grid.masses[k]
-    return share
-
-
-@compiled
-def _moments_on_grid(start: float, step: float, masses: Floats) -> tuple[float, float]:
-    """Return mean and variance of log x at the points of a grid."""
-    logs = start + step * np.arange(len(masses))
-    mean = np.sum(masses * logs)  # not a product of vectors, whose digits depend on the BLAS kernel
-    return mean, np.sum(masses * (logs - mean) ** 2)
-
-
-@compiled
-def resampled(grid: LogGrid, step: float) -> LogGrid:
-    """Return the same distribution on another grid."""
-    if len(grid.masses) == 1:
-        return LogGrid(grid.start, step, grid.masses, grid.mean, grid.variance)
-    if step == grid.step:
-        return grid
-    logs: Floats = grid.start + grid.step * np.arange(len(grid.masses), dtype=np.float64)
-    anew = binned(logs, grid.masses, step)
-    return LogGrid(anew.start, step, anew.masses, grid.mean, grid.variance)
-
-
-@compiled
-def product(first: LogGrid, other: LogGrid) -> LogGrid:
-    """Return the distribution of the product of two independent quantities."""
-    if len(first.masses) == 1:
-        step = other.step
-    elif len(other.masses) == 1:
-        step = first.step
-    else:
-        step = max(first.step, other.step)
-    a, b = resampled(first, step), resampled(other, step)
-    masses = np.zeros(len(a.masses) + len(b.masses) - 1)
-    for i in range(len(a.masses)):
-        for k in range(len(b.masses)):
-            masses[i + k] += a.masses[i] * b.masses[k]
-    return LogGrid(a.start + b.start, step, masses, first.mean + other.mean, first.variance + other.variance)
-
-
-@compiled
-def _correction(grid: LogGrid) -> tuple[float, float]:
-    """Return the mean at the grid points, and the factor on distances from it that undoes the widening by the grid."""
-    mean, variance = _moments_on_grid(grid.start, grid.step, grid.masses)
-    return mean, np.sqrt(grid.variance / (variance + grid.step * grid.step / 12.0))
-
-
-@compiled
-def _first_edge_and_width(grid: LogGrid) -> tuple[float, float]:
-    """Return the lower edge of the first cell and the width of the cells, corrected."""
-    mean, factor = _correction(grid)
-    return grid.mean + (grid.start - 0.5 * grid.step - mean) * factor, grid.step * factor
-
-
-@compiled
-def _fill_quantiles(grid: LogGrid, into: Floats) -> None:
-    """Fill in the values of log x below which the `Marginal.LEVELS` lie, linear within a cell."""
-    if len(grid.masses) == 1:
-        into[:] = grid.mean
-        return
-    first, width = _first_edge_and_width(grid)
-    for number in range(len(_LEVELS)):
-        below, k = 0.0, 0
-        while k < len(grid.masses) - 1 and below + grid.masses[k] < _LEVELS[number]:
-            below += grid.masses[k]
-            k += 1
-        share = (_LEVELS[number] - below) / grid.masses[k] if grid.masses[k] > 0.0 else 0.0
-        into[number] = first + width * (k + share)
-
-
-@compiled
-def summarise(grid: LogGrid, into: Floats) -> None:
-    """Fill in mean, standard deviation and quantiles of x, as the fields of `Marginal` : (7,) array."""
-    _fill_quantiles(grid, into[2:])
-    for k in range(2, len(into)):  # numba takes seconds to compile an assignment of arrays
-        into[k] = np.exp(into[k])
-    if len(grid.masses) == 1:
-        into[0], into[1] = into[2], 0.0
-        return
-    first, width = _first_edge_and_width(grid)
-    mean, squares, low = 0.0, 0.0, np.exp(first)
-    middle, whole = np.exp(0.5 * width), np.exp(width)  # from the lower edge of a cell; Simpson's rule within it
-    for k in range(len(grid.masses)):
-        mean += grid.masses[k] * low * (1.0 + 4.0 * middle + whole) / 6.0
-        low *= whole
-    low = np.exp(first)
-    for k in range(len(grid.masses)):
-        ends = (low - mean) ** 2 + 4.0 * (low * middle - mean) ** 2 + (low * whole - mean) ** 2
-        squares += grid.masses[k] * ends / 6.0
-        low *= whole
-    into[0], into[1] = mean, np.sqrt(squares)
+def _convolved(first: Floats, other: Floats) -> Floats:
+    """Return the convolution of masses (m,) and (n,), in one order of the sum on every processor : (m + n - 1,)."""
+    masses = np.zeros(len(first) + len(other) - 1)
+    for i in range(len(first)):
+        for k in range(len(other)):
+            masses[i + k] += first[i] * other[k]
+    return masses

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,39 +31,15 @@ _DAMPED = 1e-3  # mean square change by a turn, below which it is damped: a circ
 
 
 class Footing(NamedTuple):
-    """Nearest places of measured points (m, 2) on one outline.
+    """Nearest places of measured points (m, 2) on one outline."""
 
-    Parameters
-    ----------
-    distance : (m,) array
-        Normal distance, positive outside.
-    place : (m,) array
-        Number of the outline's vertex before the nearest point, and the share of the edge from there on.
-    normal : (m, 2) array
-        Outward unit normal there.
-    """
-
-    distance: Floats
-    place: Floats
-    normal: Floats
+    distance: Floats  # (m,): normal distance, positive outside
+    place: Floats  # (m,): number of the vertex before the nearest point, and the share of the edge from there on
+    normal: Floats  # (m, 2): outward unit normal there
 
 
 def posed_on(points: Floats, outline: Floats, *, fits: int = _FITS) -> tuple[Floats, Footing]:
-    """Shift and turn points onto one closed outline by least squares, and find their nearest places on it.
-
-    Parameters
-    ----------
-    points : (m, 2) array
-        Consecutive, columns (z, y), in the sense of the outline.
-    outline : (p, 2) array
-        Vertices, as of a `Profile`: z and y turn counter-clockwise, the interior on the left.
-    fits : int
-        Least-squares fits; with none the points stay.
-
-    Returns
-    -------
-    (m, 2) array, Footing
-    """
+    """Shift and turn points onto one closed outline by least squares, and find their nearest places on it."""
     moved, count = np.array(points, dtype=np.float64, order="C"), len(points)
     distance, place, normal = np.empty(count), np.empty(count), np.empty((count, 2))
     _pose(moved, _contiguous(outline), fits, 0.0, distance, place, normal)
@@ -70,20 +47,7 @@ def posed_on(points: Floats, outline: Floats, *, fits: int = _FITS) -> tuple[Flo
 
 
 def normal_distances(points: Floats, outlines: Floats, *, posed: bool = False) -> Floats:
-    """Return the normal distances of measured points from each of n outlines, positive outside.
-
-    Parameters
-    ----------
-    points : (m, 2) array
-    outlines : (n, p, 2) array
-        A row of NaN gives NaN.
-    posed : bool
-        Shift and turn the points onto each outline first, by least squares.
-
-    Returns
-    -------
-    (n, m) array
-    """
+    """Return the normal distances of measured points from each of n outlines, positive outside."""
     distances = np.empty((len(outlines), len(points)))
     _all_distances(_contiguous(points), _contiguous(outlines), _FITS if posed else 0, distances)
     return distances
@@ -212,14 +176,10 @@ def _normal_at(outline, edge, share, out):  # type: ignore[no-untyped-def]
 # Capsules askew: what of a measured outline no symmetric shape of a model explains, and what it does to the rest.
 #
 # The shapes of a model are symmetric about the flow, and so is what an outline tells of them. The odd part of a
-# measured
-# outline is therefore known apart from them: by half its distance from its own mirror image. Where it is larger than
-# its
-# noise explains, it is a nuisance of the likelihood: displacements of the outline that are smooth along it, as those of
-# a
-# capsule off the axis are in simulations, with amplitudes that are normally distributed about zero. Their size is that
-# of
-# the odd part.
+# measured outline is therefore known apart from them: by half its distance from its own mirror image. Where it is
+# larger than its noise explains, it is a nuisance of the likelihood: displacements of the outline that are smooth along
+# it, as those of a capsule off the axis are in simulations, with amplitudes that are normally distributed about zero.
+# Their size is that of the odd part.
 #
 # What makes a capsule askew changes the even part as well, which is not known apart. An offset along the line of sight
 # tilts the rim, of which a silhouette shows the side that is further back: in simulations the rear is seen further back
@@ -237,18 +197,7 @@ _GAP = 3.0  # median distances of points: behind a longer edge, a wall hid the o
 
 
 def odd_part(points: Floats) -> Floats:
-    """Return the odd part of an outline about its own axis, at its points along their normals.
-
-    Parameters
-    ----------
-    points : (m, 2) array [l]
-        Closed outline of any place and tilt, columns (z, y), counter-clockwise.
-
-    Returns
-    -------
-    (m,) array [l]
-        NaN where the mirror image was not seen.
-    """
+    """Return the odd part of an outline about its own axis, at its points along their normals."""
     mirrored = points[::-1] * [1.0, -1.0]
     near = points - 0.5 * (points.max(axis=0) + points.min(axis=0)) * [0.0, 2.0]
     edges = edge_lengths(mirrored)
@@ -263,11 +212,9 @@ def odd_part(points: Floats) -> Floats:
 
 
 def askew_size(points: Floats, noise: OutlineNoise) -> float:
-    """Return the root mean square [l] of the odd part of an outline (m, 2) without its noise; 0 where that explains it.
-
-    The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
-    after Satterthwaite.
-    """
+    """Return the root mean square [l] of the odd part of an outline (m, 2) without noise; 0 where that explains it."""
+    # The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
+    # after Satterthwaite.
     square, of_noise = float(np.nanmean(odd_part(points) ** 2)), 0.5 * noise.scale**2
     if square <= of_noise:
         return 0.0
@@ -278,23 +225,7 @@ def askew_size(points: Floats, noise: OutlineNoise) -> float:
 
 
 def odd_directions(outline: Floats, place: Floats, normal: Floats) -> Floats:
-    """Return how smooth odd displacements of an outline change the normal distances from it.
-
-    Parameters
-    ----------
-    outline : (p, 2) array [l]
-        Symmetric about the flow, the first vertex at the nose.
-    place : (m,) array
-        Number of the vertex before a point, and the share of the edge from there on.
-    normal : (m, 2) array
-        Outward unit normal there.
-
-    Returns
-    -------
-    (m, 8) array
-        Of displacements along the flow as sin(2 pi k s) and across it as cos(2 pi k s), with the share s of the
-        perimeter from the nose on and k = 1 to 4, each over k; all together have a mean square of about one.
-    """
+    """Return how smooth odd displacements of an outline change the normal distances from it."""
     arc = arc_length(outline)
     phase = 2.0 * np.pi * np.interp(place, np.arange(len(arc)), arc / arc[-1])
     waves = np.arange(1, _WAVES + 1)
@@ -304,18 +235,7 @@ def odd_directions(outline: Floats, place: Floats, normal: Floats) -> Floats:
 
 
 def rear_direction(outline: Floats, place: Floats, normal: Floats) -> Floats:
-    """Return how the normal distances from an outline change if its rear is seen further back between the rims.
-
-    Parameters
-    ----------
-    outline, place, normal
-        As in `odd_directions`.
-
-    Returns
-    -------
-    (m,) array
-        One in the middle of the rear, and less towards its rim, as in half an ellipse.
-    """
+    """Return how the normal distances from an outline change if its rear is seen further back between the rims."""
     y = np.interp(place, np.arange(len(outline) + 1), np.append(outline[:, 1], outline[0, 1]))
     share = np.clip(1.0 - np.square(y / np.abs(outline[:, 1]).max()), 0.0, None)
     return np.maximum(-normal[:, 0], 0.0) * np.sqrt(share)
@@ -323,76 +243,47 @@ def rear_direction(outline: Floats, place: Floats, normal: Floats) -> Floats:
 
 # Likelihood of a measured outline: normal distances with errors that are correlated along the arc.
 #
-# An edge that is found too far out at one place is found too far out next to it
-# as well: taken as independent, the errors of neighbouring points would make the
-# posterior far too narrow. Where on the picture the capsule is, how it is tilted
-# and by how much all edges are found too far out is no property of its shape, nor is
-# how far it is askew; these nuisances are integrated out, each with a Gaussian prior, as is the
-# model's own error. All of it is one covariance matrix, computed at a pilot shape
-# near the posterior and used for all others.
+# An edge that is found too far out at one place is found too far out next to it as well: taken as independent, the
+# errors of neighbouring points would make the posterior far too narrow. Where on the picture the capsule is, how it is
+# tilted and by how much all edges are found too far out is no property of its shape, nor is how far it is askew; these
+# nuisances are integrated out, each with a Gaussian prior, as is the model's own error. All of it is one covariance
+# matrix, computed at a pilot shape near the posterior and used for all others.
 #
-# A silhouette hides a concave rear. Where its depth was measured all the same, L_a is
-# one more number next to the normal distances; it ends at the nose of the same
-# picture, whose error it shares
+# A silhouette hides a concave rear. Where its depth was measured all the same, L_a is one more number next to the
+# normal distances; it ends at the nose of the same picture, whose error it shares
 
 _SHARED = 0.9  # largest share of the error of L_a that is the error of the nose: the rest is that of the rear
 _PART = 2000  # predicted outlines at a time, at most
 
 
 class SilhouetteLength(NamedTuple):
-    """L_a measured together with a silhouette.
+    """L_a measured together with a silhouette."""
 
-    Parameters
-    ----------
-    value, error : float [l]
-        L_a and its standard error.
-    own_error : float [l]
-        That of the model.
-    """
-
-    value: float
+    value: float  # [l]
     error: float
-    own_error: float = 0.0
+    own_error: float = 0.0  # of the model
 
 
 @dataclass(frozen=True, eq=False)
 class OutlineLikelihood:
-    """Density of a measured outline given predicted ones.
+    """Density of a measured outline given predicted ones."""
 
-    Parameters
-    ----------
-    points : (m, 2) array [l]
-        The measured outline, closed, consecutive vertices from anywhere, columns (z, y), counter-clockwise as in a
-        `Profile`; any place and tilt.
-    noise : OutlineNoise
-    pilot : (p, 2) array [l]
-        A predicted outline near the posterior.
-    pose : Pose
-    modes : (k, p) array [l], optional
-        Displacements of the pilot's vertices along their normals, each one standard deviation of the model's own error.
-    length : SilhouetteLength, optional
-
-    Examples
-    --------
-    >>> angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    >>> circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    >>> seen = OutlineLikelihood(0.9 * circle + [0.3, 0.1], OutlineNoise(0.01, 0.2), pilot=0.9 * circle)
-    >>> int(np.argmax(seen.log_density(np.linspace(0.85, 0.95, 11)[:, None, None] * circle)))
-    5
-    """
-
-    points: Floats
+    points: Floats  # (m, 2) [l]: consecutive, columns (z, y), counter-clockwise; of any place and tilt
     noise: OutlineNoise
-    pilot: Floats
+    pilot: Floats  # (p, 2) [l]: a predicted outline near the posterior
     pose: Pose = field(default_factory=Pose)
-    modes: Floats | None = None
+    modes: Floats | None = None  # (k, p) [l]: displacements along normals by the model's own error
     length: SilhouetteLength | None = None
-    _aligned: Floats = field(init=False, repr=False)
-    _feet: Footing = field(init=False, repr=False)
-    _factor: Floats = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        aligned, feet = aligned_with(self.points, self.pilot)
+    @cached_property
+    def _stand(self) -> tuple[Floats, Footing]:
+        """The measured points moved onto the pilot, and their nearest places on it."""
+        return aligned_with(self.points, self.pilot)
+
+    @cached_property
+    def _factor(self) -> Floats:
+        """Lower triangular factor of the covariance of the normal distances, and of L_a."""
+        aligned, feet = self._stand
         covariance = self.noise.covariance(self.points)
         spread = self.pose.directions(aligned, feet.normal)
         covariance = covariance + spread @ spread.T
@@ -403,9 +294,7 @@ class OutlineLikelihood:
         covariance[np.diag_indices_from(covariance)] += 1e-8 * self.noise.scale**2
         if self.length is not None:
             covariance = self._bordered(covariance, self.length, int(np.argmax(aligned[:, 0])))
-        object.__setattr__(self, "_aligned", aligned)
-        object.__setattr__(self, "_feet", feet)
-        object.__setattr__(self, "_factor", np.asfortranarray(scipy.linalg.cholesky(covariance, lower=True)))
+        return np.asfortranarray(scipy.linalg.cholesky(covariance, lower=True))
 
     def _of_rear_and_askew(self, feet: Footing) -> Floats:
         """Return what a wide edge of the rear and a capsule askew add to the covariance (m, m)."""
@@ -429,22 +318,8 @@ class OutlineLikelihood:
         return np.block([[covariance, shared[:, None]], [shared, np.array(variance)]])
 
     def whitened(self, outlines: Floats, axial_lengths: Floats | None = None, *, posed: bool = False) -> Floats:
-        """Return the differences from predictions as independent numbers, standard normal under a right model.
-
-        Parameters
-        ----------
-        outlines : (n, p, 2) array [l]
-            Predicted; a row of NaN gives NaN.
-        axial_lengths : (n,) array, optional [l]
-            L_a as predicted, read if L_a was measured too.
-        posed : bool
-            Shift and turn the measured outline onto each prediction: for those far from the pilot.
-
-        Returns
-        -------
-        (n, m) array, or (n, m + 1) with L_a
-        """
-        distances = normal_distances(self._aligned, outlines, posed=posed)
+        """Return the differences from predictions as independent numbers, standard normal under a right model."""
+        distances = normal_distances(self._stand[0], outlines, posed=posed)
         known = np.isfinite(distances[:, 0])
         if self.length is not None:
             assert axial_lengths is not None, "L_a was measured"
@@ -459,53 +334,29 @@ class OutlineLikelihood:
         return np.asarray(found.T)
 
     def whitened_displacement(self, displacement: Floats) -> Floats:
-        """Return the change of `whitened` if the measured outline lies farther out.
-
-        Parameters
-        ----------
-        displacement : (k, p) array [l]
-            Along the normals of the pilot's vertices.
-
-        Returns
-        -------
-        (k, m) array, or (k, m + 1) with L_a, which ends at the displaced nose
-        """
-        at_points = _at_places(displacement, self._feet.place)
+        """Return the change of `whitened` if the measured outline lies farther out."""
+        aligned, feet = self._stand
+        at_points = _at_places(displacement, feet.place)
         if self.length is not None:
-            at_points = np.column_stack([at_points, at_points[:, np.argmax(self._aligned[:, 0])]])
+            at_points = np.column_stack([at_points, at_points[:, np.argmax(aligned[:, 0])]])
         return self._independent(at_points)
 
     def whitened_prediction(self, displacements: Floats) -> Floats:
-        """Return what `whitened` loses if the vertices of the pilot are displaced by vectors (k, p, 2) [l].
-
-        Returns
-        -------
-        (k, m) array, or (k, m + 1) with L_a, which is predicted apart
-        """
+        """Return what `whitened` loses if the vertices of the pilot are displaced by vectors (k, p, 2) [l]."""
         along = np.einsum("kpi,pi->kp", displacements, vertex_normals(self.pilot))
-        at_points = _at_places(along, self._feet.place)
+        at_points = _at_places(along, self._stand[1].place)
         if self.length is not None:
             at_points = np.column_stack([at_points, np.zeros(len(at_points))])
         return self._independent(at_points)
 
     def whitened_shared(self, outline: MeasuredOutline) -> Floats:
-        """Return the changes of `whitened` by the errors that one microscope gives the outlines of all capsules.
-
-        Parameters
-        ----------
-        outline : MeasuredOutline
-            As it was measured, with the errors of one capsule; see `MeasuredOutline.shared`.
-
-        Returns
-        -------
-        (k, m) array, or (k, m + 1) with L_a
-        """
-        feet = self._feet
-        each = outline.shared(self._aligned, feet.normal)
+        """Return the changes of `whitened` by the errors that one microscope gives the outlines of all capsules."""
+        aligned, feet = self._stand
+        each = outline.shared(aligned, feet.normal)
         back = outline.pose.rear * rear_direction(self.pilot, feet.place, feet.normal)
         each = np.concatenate([each, back[None]])
         if self.length is not None:
-            each = np.column_stack([each, each[:, np.argmax(self._aligned[:, 0])]])
+            each = np.column_stack([each, each[:, np.argmax(aligned[:, 0])]])
         return self._independent(each)
 
     def whitened_length(self) -> Floats:
@@ -531,12 +382,7 @@ class OutlineLikelihood:
 
 
 def check_view_of(model: ForwardModel, measured: MeasuredOutline, where: str = "measurement") -> None:
-    """Refuse a model that predicts outlines of another view than the measured one.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a model that predicts outlines of another view than the measured one."""
     if model.view != measured.view:
         expected = f'"{model.view}", that of the outlines of {model.name}'
         advice = f'open the model with view="{measured.view}"'
@@ -552,26 +398,7 @@ def outline_likelihood(
     length: tuple[float, float] | None = None,
     others: Sequence[Mapping[str, float]] = (),
 ) -> OutlineLikelihood:
-    """Return the likelihood of a measured outline with the shape of a model as its pilot.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    measured : MeasuredOutline
-    theta : mapping of str to float
-        Where the pilot is, within the model's domain.
-    error_scale : float
-        Factor on the model's own error.
-    length : tuple of two float, optional [l]
-        L_a and its standard error, where they count in addition to the outline.
-    others : sequence of mappings
-        Further places, over which and the pilot the covariance of the model's own error is averaged.
-
-    Raises
-    ------
-    InputError
-        If the model predicts outlines of another view.
-    """
+    """Return the likelihood of a measured outline with the shape of a model as its pilot."""
     check_view_of(model, measured)
     there = model({name: np.array([value]) for name, value in theta.items()}, outline=True)
     assert there.outline is not None, "asked for"
@@ -585,18 +412,7 @@ def outline_likelihood(
 
 
 def aligned_with(points: Floats, outline: Floats) -> tuple[Floats, Footing]:
-    """Shift and turn measured points onto an outline by least squares.
-
-    Parameters
-    ----------
-    points : (m, 2) array
-    outline : (p, 2) array
-
-    Returns
-    -------
-    (m, 2) array, Footing
-        The points moved, and their nearest places on the outline.
-    """
+    """Shift and turn measured points onto an outline by least squares."""
     return posed_on(points - _middle(points) + _middle(outline), outline)
 
 
@@ -619,30 +435,23 @@ _AROUND = 2  # nodes that must be known on every side of a point
 
 @dataclass(frozen=True, eq=False)
 class TabulatedOutline:
-    """Log density of a measured outline by bicubic interpolation away from the border of the domain, exact elsewhere.
-
-    Parameters
-    ----------
-    exact : OutlineLikelihood
-    log_ca, size : (i,), (j,) arrays
-        Nodes, evenly spaced.
-    values : (i, j) array
-        Log density there, NaN outside the model's domain.
-    """
+    """Log density of a measured outline, bicubic away from the border of the domain, exact elsewhere."""
 
     exact: OutlineLikelihood
-    log_ca: Floats
-    size: Floats
-    values: Floats
-    _spline: RectBivariateSpline = field(init=False, repr=False)
-    _sure: Booleans = field(init=False, repr=False)
+    log_ca: Floats  # (i,), evenly spaced
+    size: Floats  # (j,)
+    values: Floats  # (i, j): log density there, NaN outside the model's domain
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _spline(self) -> RectBivariateSpline:
         known = np.isfinite(self.values)
         filled = np.where(known, self.values, np.min(self.values, where=known, initial=0.0))
+        return RectBivariateSpline(self.log_ca, self.size, filled)
+
+    @cached_property
+    def _sure(self) -> Booleans:
         around = np.ones((2 * _AROUND + 1, 2 * _AROUND + 1), dtype=bool)
-        object.__setattr__(self, "_spline", RectBivariateSpline(self.log_ca, self.size, filled))
-        object.__setattr__(self, "_sure", np.pad(binary_erosion(known, around), 1))
+        return np.pad(binary_erosion(np.isfinite(self.values), around), 1)
 
     def at(self, model: ForwardModel, theta: Mapping[str, Floats]) -> Floats:
         """Return the log density at n points : (n,) array, NaN outside the domain of the model."""
@@ -688,20 +497,7 @@ def drawn_outlines(
 
 
 def outline_misfit(measured: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> Gate:
-    """Return the squared misfit of the best of some draws per degree of freedom: one if the errors are as stated.
-
-    Parameters
-    ----------
-    measured : MeasuredOutline
-    model : ForwardModel
-        That predicts outlines of its view.
-    draws : mapping of arrays
-        Of a posterior, by name.
-
-    Returns
-    -------
-    Gate
-    """
+    """Return the squared misfit of the best of some draws per degree of freedom: one if the errors are as stated."""
     theta, outlines = drawn_outlines(model, draws, _TRIED)
     assert outlines is not None, "asked for"
     off = [np.sum(aligned_with(measured.points, outline)[1].distance ** 2) for outline in outlines]
@@ -719,17 +515,7 @@ def lopsided(measured: MeasuredOutline) -> Gate | None:
 
 
 def band(outlines: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the mean outline and the 2.5 % and 97.5 % quantiles of the distance from it along its normal.
-
-    Parameters
-    ----------
-    outlines : (d, p, 2) array
-        Corresponding points, columns (z, y), counter-clockwise.
-
-    Returns
-    -------
-    middle, inner, outer : (p, 2) arrays
-    """
+    """Return the mean outline and the 2.5 % and 97.5 % quantiles of the distance from it along its normal."""
     middle = outlines.mean(axis=0)
     normal = vertex_normals(middle)
     distance = np.einsum("dpk,pk->dp", outlines - middle, normal)

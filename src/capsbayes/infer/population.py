@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 #
 # The nodes of a posterior are shared linearly among overlapping slices along their longest axis; each slice is a
 # component with its own mean and covariance. The mixture keeps the bend of a ridge, on which L_z alone was measured,
-# and
-# its total moments are those of the nodes. A Gaussian population then meets it in closed form
+# and its total moments are those of the nodes. A Gaussian population then meets it in closed form
 
 COMPONENTS = 12
 COMPONENT = ("weight", "x", "y", "xx", "xy", "yy")
@@ -113,66 +112,36 @@ LEANINGS = ("border", "prior", "two_shapes", "wrinkles", "unsure_shapes")
 
 @dataclass(frozen=True, eq=False)
 class CapsuleRows:
-    """Results of n capsules.
-
-    Parameters
-    ----------
-    name, source, sha256 : (n,) arrays of str
-        Name of the capsule, the file it was read from, and the hash of the file.
-    status, reason, engine : (n,) arrays of str
-        Name of a `Status`; the reason, where the status alone does not tell it; ``grid``.
-    numbers : (n, k) array
-        Measured numbers, the `NUMBERS` of `capsbayes.measurement_sets`.
-    summaries : (n, 7, 7) array
-        Mean, standard deviation, median and ends of the 68 % and 95 % intervals of the `REPORTED`, SI.
-    distance : (n,) array
-        Of the lengths from those of the likeliest shape, in standard errors.
-    leaning : (n, 5) array
-        Shares of the posterior, of `LEANINGS`.
-    p_values : (n, 3) array
-        Of `capsbayes.infer.verdict.PREDICTED`, NaN where one was not measured.
-    reynolds_number : (n,) array
-    components : (n, c, 6) array
-        Likelihood of (log(G_s / mu), log(a / l)) as a mixture of Gaussians.
-    """
+    """Results of n capsules."""
 
     name: Strings
-    source: Strings
-    sha256: Strings
-    status: Strings
-    reason: Strings
+    source: Strings  # file it was read from
+    sha256: Strings  # of the file
+    status: Strings  # name of a `Status`
+    reason: Strings  # where the status alone does not tell it
     engine: Strings
-    numbers: Floats
-    summaries: Floats
-    distance: Floats
-    leaning: Floats
-    p_values: Floats
+    numbers: Floats  # (n, k): the `NUMBERS` that were measured
+    summaries: Floats  # (n, 7, 7): the `STATISTICS` of the `REPORTED`, SI
+    distance: Floats  # (n,): of the lengths from those of the likeliest shape, in standard errors
+    leaning: Floats  # (n, 5): shares of the posterior, of `LEANINGS`
+    p_values: Floats  # (n, 3), of `PREDICTED`, NaN where one was not measured
     reynolds_number: Floats
-    components: NDArray[np.float32]
+    components: NDArray[np.float32]  # (n, c, 6): likelihood of (log(G_s / mu), log(a / l)) as a mixture of Gaussians
 
     def __len__(self) -> int:
         return len(self.name)
 
     @classmethod
-    def empty(cls, name: Strings, source: Strings, sha256: Strings, numbers: Floats) -> CapsuleRows:
+    def empty(cls, names: Sequence[str], sources: Sequence[str], numbers: Floats | None = None) -> CapsuleRows:
         """Return rows without results, to be filled."""
-        count = len(name)
-        blank = np.full(count, "", dtype=object)
-        return cls(
-            name,
-            source,
-            sha256,
-            blank,
-            blank.copy(),
-            blank.copy(),
-            numbers,
-            np.full((count, len(REPORTED), 7), np.nan),
-            np.full(count, np.nan),
-            np.full((count, len(LEANINGS)), np.nan),
-            np.full((count, len(PREDICTED)), np.nan),
-            np.full(count, np.nan),
-            np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32),
-        )
+        count = len(names)
+        texts = [np.array(each, dtype=object) for each in (names, sources, *[[""] * count] * 4)]
+        none = [np.full((count, *shape), np.nan) for shape in ((len(REPORTED), 7), (), (len(LEANINGS),))]
+        none += [np.full((count, len(PREDICTED)), np.nan), np.full(count, np.nan)]
+        numbers = np.full((count, len(NUMBERS)), np.nan) if numbers is None else numbers
+        components = np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32)
+        arrays: list[NDArray[Any]] = [*texts, numbers, *none, components]
+        return cls(*arrays)
 
     def refuse(self, row: int, status: Status, reason: str) -> None:
         """Set status and reason of a row, and clear what an engine may have found for it under another prior."""
@@ -182,14 +151,7 @@ class CapsuleRows:
 
     @classmethod
     def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:
-        """Join the rows of several, one after the other, so that memory holds them once.
-
-        Parameters
-        ----------
-        parts : iterable of CapsuleRows
-        count : int
-            Rows of all together.
-        """
+        """Join the rows of several, one after the other, so that memory holds them once."""
         whole: dict[str, NDArray[Any]] = {}
         known: dict[str, str] = {}  # a million rows of one table name the same file
         first = 0
@@ -221,8 +183,7 @@ class CapsuleRows:
 
 # Posteriors of many capsules: one row each, with everything needed to repeat it
 
-STATISTICS = tuple(statistic.name for statistic in fields(Marginal))
-"""Of each quantity."""
+STATISTICS = tuple(statistic.name for statistic in fields(Marginal))  # of each quantity
 
 SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
 """Quantities in the summary of a population."""
@@ -238,12 +199,7 @@ _NEEDED = tuple(
 )
 _TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
-_USABLE = (
-    Status.DONE,
-    Status.LEANS_ON_TWO_SHAPES,
-    Status.LEANS_ON_WRINKLES,
-    Status.LEANS_ON_UNSURE_SHAPES,
-)
+_USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES, Status.LEANS_ON_UNSURE_SHAPES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

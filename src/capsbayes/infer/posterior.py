@@ -68,11 +68,10 @@ def _shown(dataset: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class DeterministicAnswer:
-    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`.
+    """Quantities by diffuse approximation, SI; named as in `capsbayes.parameters`."""
 
-    The mean velocity is missing where mu U is given as one quantity. `assumed` holds the null value of a further
-    coordinate of the model, which the procedure does not know.
-    """
+    # The mean velocity is missing where mu U is given as one quantity. `assumed` holds the null value of a further
+    # coordinate of the model, which the procedure does not know.
 
     surface_shear_modulus: float
     capsule_radius: float
@@ -90,13 +89,7 @@ class DeterministicAnswer:
 
 
 def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: Inputs) -> DeterministicAnswer | None:
-    """Identify with the paper's procedure on the model's database.
-
-    Returns
-    -------
-    DeterministicAnswer or None
-        None where the procedure does not apply: L_a missing, or a model without database.
-    """
+    """Identify with the paper's procedure on the model's database."""
     database = model.database
     if database is None or measurement.axial_length is None:
         return None
@@ -119,8 +112,7 @@ def deterministic_answer(measurement: Measurement, model: ForwardModel, inputs: 
 
 # The file of a posterior: one NetCDF file of groups that ArviZ reads, and a record by which it is read back whole
 
-RECORD = "record"
-"""Attribute of the file that holds `record_of`."""
+RECORD = "record"  # attribute of the file that holds `record_of`
 WORK = "work"
 """Attribute of the file that holds the hash of what the posterior is computed from, empty if it was not stated."""
 
@@ -130,34 +122,18 @@ LOG_MODULUS_SD = "sd_of_log_surface_shear_modulus"
 OVER_LAWS = "surface_shear_modulus_over_laws"
 """Attribute of the file of a posterior with one law: the least and the largest G_s of others."""
 
-_MEASURED = (
-    "axial_extent",
-    "axial_extent_error",
-    "capsule_velocity",
-    "capsule_velocity_error",
-    "axial_length",
-    "axial_length_error",
-    "length_correlation",
-    "over_half_width",
-    "source",
-    "sha256",
-    "axial_length_bound",
-    "flow_rate",
-    "flow_rate_error",
-    "walls",
-    "doubt",
-)
+_APART = ("outline", "experiment_file", "conditions", "status")  # of a measurement: not stored as they are
 _FLUID = ("viscosity", "viscous_tension")
-_MARGINAL = tuple(field.name for field in fields(Marginal))
 
 
 def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequence[Gate]) -> dict[str, Any]:
-    """Return what the tables of a posterior omit, ready for JSON.
-
-    The points of a measured outline are in a group of the file: they are too many for an attribute.
-    """
-    measured = {name: getattr(seen, name) for name in _MEASURED} | {"conditions": dict(seen.conditions)}
-    measured["experiment_file"] = None if seen.experiment_file is None else str(seen.experiment_file)
+    """Return what the tables of a posterior omit, ready for JSON."""
+    # The points of a measured outline are in a group of the file: they are too many for an attribute.
+    measured = {each.name: getattr(seen, each.name) for each in fields(seen) if each.name not in _APART}
+    measured |= {
+        "conditions": dict(seen.conditions),
+        "experiment_file": seen.experiment_file and str(seen.experiment_file),
+    }
     if seen.outline is not None:
         noise, pose = vars(seen.outline.noise), vars(seen.outline.pose)
         measured["outline"] = {"noise": noise, "pose": pose, "view": seen.outline.view}
@@ -172,7 +148,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "sha256": known.sha256,
             "density": known.density.as_record(),
             THICKNESS: _recorded(known.membrane_thickness),
-            "frame_rate": None if rate is None else {"value": rate.value, "error": rate.error, "unit": rate.unit},
+            "frame_rate": rate and {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
         "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
@@ -181,6 +157,10 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
 
 def _recorded(quantity: Quantity | None) -> Any:
     return None if quantity is None else quantity.as_record()
+
+
+def _quantity(record: Any, unit: str) -> Quantity | None:
+    return None if record is None else Quantity.of_record(record, unit)
 
 
 def work_of(path: Path) -> str | None:
@@ -195,13 +175,7 @@ def work_of(path: Path) -> str | None:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """Read the fields of the `Posterior` that a file holds.
-
-    Raises
-    ------
-    InputError
-        If it is missing, damaged, or no such file.
-    """
+    """Read the fields of the `Posterior` that a file holds."""
     import h5netcdf
 
     check_file(path, "file of a posterior")
@@ -264,15 +238,13 @@ def _without(table: Mapping[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _marginal(table: Mapping[str, Any]) -> Marginal:
-    return Marginal(**{name: float(table[name]) for name in _MARGINAL})
+    return Marginal(**{field.name: float(table[field.name]) for field in fields(Marginal)})
 
 
 def _answer(table: Mapping[str, float]) -> DeterministicAnswer:
-    own: dict[str, Any] = {
-        name: value for name, value in table.items() if name in DeterministicAnswer.__dataclass_fields__
-    }
-    own.setdefault("mean_velocity", None)
-    return DeterministicAnswer(**own, assumed=_without(table, *own))
+    names = [field.name for field in fields(DeterministicAnswer) if field.name != "assumed"]
+    own: dict[str, Any] = {name: table.get(name) for name in names}
+    return DeterministicAnswer(**own, assumed=_without(table, *names))
 
 
 def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
@@ -285,10 +257,8 @@ def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
 
 
 def _experiment(table: Mapping[str, Any]) -> Experiment:
-    rate, thickness = table["frame_rate"], table.get(THICKNESS)
-    viscosity, tension = (
-        None if table.get(name) is None else Quantity.of_record(table[name], PARAMETERS[name].si) for name in _FLUID
-    )
+    rate = table["frame_rate"]
+    viscosity, tension, thickness = (_quantity(table.get(name), PARAMETERS[name].si) for name in (*_FLUID, THICKNESS))
     return Experiment(
         cross_section=table["cross_section"] if "cross_section" in table else table["section"],
         half_width=Quantity.of_record(table["half_width"], "m"),
@@ -298,7 +268,7 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),
         density=Quantity.of_record(table["density"], "kg/m^3") if "density" in table else WATER,
-        membrane_thickness=None if thickness is None else Quantity.of_record(thickness, "m"),
+        membrane_thickness=thickness,
     )
 
 
@@ -413,14 +383,9 @@ class Posterior:
         return cls(**read_fields(Path(path)))
 
     def __repr__(self) -> str:
-        said = []
-        for name in ("surface_shear_modulus", "capsule_radius"):
-            parameter, marginal = PARAMETERS[name], self.marginals[name]
-            low, middle, high = (
-                parameter.shown(value) for value in (marginal.lower_95, marginal.median, marginal.upper_95)
-            )
-            said.append(f"{parameter.symbol} = {middle:.4g} [{low:.4g}, {high:.4g}] {parameter.shown_unit}")
-        return f"<Posterior of {self.measurement.source or 'a capsule'}: {', '.join(said)} (95 %); {self.status.name}>"
+        names = "surface_shear_modulus", "capsule_radius"
+        shown = ", ".join(f"{PARAMETERS[name].symbol} = {self.marginals[name].shown(name)}" for name in names)
+        return f"<Posterior of {self.measurement.source or 'a capsule'}: {shown} (95 %); {self.status.name}>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self).strip("<>"), self.summary())

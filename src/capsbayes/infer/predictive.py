@@ -33,20 +33,9 @@ _LOG_ROOT = 0.5 * np.log(2.0 * np.pi)
 
 @dataclass(frozen=True, eq=False)
 class Predictive:
-    """Predictions of one capsule; nothing is computed before it is asked for.
+    """Predictions of one capsule; nothing is computed before it is asked for."""
 
-    Parameters
-    ----------
-    draws : mapping of (chain, draw) arrays
-        Of the posterior, SI.
-    measurement, experiment, prior, inputs
-        As of `capsbayes.infer.posterior.Posterior`.
-    model : ForwardModel
-        With which the capsule was identified.
-    seed : int
-    """
-
-    draws: Mapping[str, Floats]
+    draws: Mapping[str, Floats]  # (chain, draw) arrays, SI
     measurement: Measurement
     experiment: Experiment
     prior: Prior
@@ -75,8 +64,7 @@ class Predictive:
 
     @cached_property
     def _density(self) -> PosteriorDensity:
-        engine = exact_engine(self.model, self.experiment, self.prior, outline=self.measurement.outline is not None)
-        return engine(self.measurement).density
+        return exact_engine(self.model, self.experiment, self.prior)(self.measurement).density
 
     @cached_property
     def _points(self) -> ModelAtPoints:
@@ -141,13 +129,7 @@ class Predictive:
 
     @cached_property
     def _prior_draws(self) -> dict[str, Floats]:
-        """Draw from the priors, given the velocity, within the domain of the model, by importance resampling.
-
-        Raises
-        ------
-        InputError
-            If the priors leave hardly anything of the domain.
-        """
+        """Draw from the priors, given the velocity, within the domain of the model, by importance resampling."""
         rng, inputs = np.random.default_rng([self.seed, 4]), self.inputs
         (low, high), sizes = self.model.domain.bounds
         draws = {

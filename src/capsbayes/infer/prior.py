@@ -26,35 +26,16 @@ from capsbayes.quantity import Given, Quantity
 
 @dataclass(frozen=True)
 class Marginal:
-    """Summary of the posterior of one quantity.
-
-    Parameters
-    ----------
-    mean, sd : float
-        Mean and standard deviation.
-    median : float
-        Half of the probability lies below.
-    lower_68, upper_68 : float
-        16 % of the probability lies below the one and above the other.
-    lower_95, upper_95 : float
-        2.5 % of the probability lies below the one and above the other.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> marginal = Marginal.of_draws(np.arange(1001.0))
-    >>> marginal.median, marginal.lower_68, marginal.upper_95
-    (500.0, 160.0, 975.0)
-    """
+    """Summary of the posterior of one quantity."""
 
     LEVELS: ClassVar[tuple[float, ...]] = (0.5, 0.16, 0.84, 0.025, 0.975)
 
     mean: float
     sd: float
     median: float
-    lower_68: float
+    lower_68: float  # 16 % of the probability lies below the one and above the other
     upper_68: float
-    lower_95: float
+    lower_95: float  # 2.5 % of the probability lies below the one and above the other
     upper_95: float
 
     @classmethod
@@ -82,6 +63,12 @@ class Marginal:
         """Return the fields by name, for files."""
         return asdict(self)
 
+    def shown(self, name: str) -> str:
+        """Return median and 95 % interval in the display unit of a quantity."""
+        known = PARAMETERS[name]
+        low, middle, high = map(known.shown, (self.lower_95, self.median, self.upper_95))
+        return f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
+
 
 # Inputs with an error other than the lengths: viscosity, half width, velocity of the capsule and flow rate
 
@@ -91,12 +78,11 @@ LOOSEST_VELOCITY = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2.
+    """Inputs of one capsule other than its lengths; `area` is that of the cross-section over l^2."""
 
-    Where only the product mu U is known, `viscous_tension` is True: the viscosity is that product over 1 m/s, the
-    velocity is 1 m/s, and the posterior density takes v_o/U as one, so that G_s = mu U / Ca. Where the velocity was not
-    measured, it is NaN, and the flow rate alone tells U.
-    """
+    # Where only the product mu U is known, `viscous_tension` is True: the viscosity is that product over 1 m/s, the
+    # velocity is 1 m/s, and the posterior density takes v_o/U as one, so that G_s = mu U / Ca. Where the velocity was
+    # not measured, it is NaN, and the flow rate alone tells U.
 
     viscosity: Quantity
     half_width: Quantity
@@ -137,14 +123,7 @@ class Inputs:
         return cls(experiment.viscosity, experiment.half_width, velocity, area=area)
 
     def with_velocity_of(self, measurement: Measurement) -> Inputs:
-        """Return the same viscosity and half width with the velocity of a capsule and the flow rate.
-
-        Raises
-        ------
-        InputError
-            If the measurement failed, has neither velocity nor flow rate, one of them is less certain than
-            `LOOSEST_VELOCITY`, a flow rate alone has no error, or it contradicts a viscous tension.
-        """
+        """Return the same viscosity and half width with the velocity of a capsule and the flow rate."""
         if not measurement.status.ok:
             where = measurement.source or "measurement"
             raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
@@ -167,40 +146,24 @@ class Inputs:
         return replace(self, capsule_velocity=velocity, flow_rate=rate)
 
 
-# Prior distributions, stated on physical quantities, and the further coordinates of a model with their priors.
+# Prior distributions of physical quantities, and the further coordinates of a model with their priors.
 #
-# G_s is log-uniform and a uniform by default, each over a range; the user can give
-# any distribution. The mean velocity U of the flow is log-uniform without limits. They
-# are independent of each other, of the inputs (viscosity, half width) and of the
-# further coordinates of the model, which have any distribution and do not
-# change what follows.
+# G_s is log-uniform and a uniform by default, each over a range; a user can give any distribution. The mean velocity U
+# of the flow is log-uniform without limits. They are independent of each other, of the inputs (viscosity mu, half width
+# l) and of the further coordinates of the model. The posterior is computed in (log Ca, a/l, v_o). With
 #
-# The posterior is computed in (log Ca, a/l, v_o), the variables of the model and
-# of the measured velocity. At given viscosity mu and half width l
+#     log G_s = log mu + log U - log Ca,    a = l (a/l),    log U = log v_o - log r(Ca, a/l),    r = v_o/U
 #
-#     log G_s = log mu + log U - log Ca,    a = l (a/l),    log U = log v_o - log r(Ca, a/l)
-#
-# with r = v_o/U of the model, and the matrix of derivatives of (log G_s, a, log U)
-# by (log Ca, a/l, v_o) is
-#
-#     [ -1 - r_1   -r_2   1/v_o ]
-#     [    0         l      0   ]       r_1 = d log r / d log Ca,  r_2 = d log r / d(a/l)
-#     [   -r_1     -r_2   1/v_o ]
-#
-# Its determinant is -l/v_o: the derivatives of r cancel. So the prior density in
-# (log Ca, a/l, v_o) is p(log G_s) p(a) l / v_o, and its support is the domain of
-# the model
+# the determinant of the derivatives of (log G_s, a, log U) by (log Ca, a/l, v_o) is -l/v_o: those of r cancel. So the
+# prior density in (log Ca, a/l, v_o) is p(log G_s) p(a) l / v_o, and its support is the domain of the model
 
-LEAST_COVERED = 0.8
-"""Of the mass of the prior of a coordinate, by the range of the model."""
+LEAST_COVERED = 0.8  # of the mass of the prior of a coordinate, by the range of the model
 
-NARROWEST = 1e-3
-"""Standard deviation of a prior of G_s or a over its mean, below which no engine resolves it."""
+NARROWEST = 1e-3  # standard deviation of a prior of G_s or a over its mean, below which no engine resolves it
 
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
 _LIMITED = ("surface_shear_modulus", "capsule_radius")
-THICKNESS = "membrane_thickness"
-"""Name of the prior that takes the place of that of the bending modulus."""
+THICKNESS = "membrane_thickness"  # name of the prior that takes the place of that of the bending modulus
 _MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
 
 
@@ -329,25 +292,7 @@ class Prior:
 
 
 def coordinate_prior(text: object, *, where: str, key: str) -> Quantity:
-    """Return the distribution of a coordinate from its text form.
-
-    Parameters
-    ----------
-    text : str
-        ``"0 .. 0.1"``, uniform between two limits, or ``"0.03 +/- 0.01"``, normal.
-    where, key : str
-        File and coordinate, for the message of an error.
-
-    Raises
-    ------
-    InputError
-        If the text is neither.
-
-    Examples
-    --------
-    >>> coordinate_prior("0..0.1", where="prior", key="pre_inflation").ppf(0.5).item()
-    0.05
-    """
+    """Return the distribution of a coordinate from its text form."""
     return _coordinate(text if isinstance(text, str) else repr(text), where, key)
 
 
@@ -394,42 +339,17 @@ def _distribution(where: str, key: str, stated: object) -> Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Coordinate:
-    """A coordinate and its prior, cut to the range of the model.
-
-    Parameters
-    ----------
-    name : str
-        As in `capsbayes.parameters`.
-    distribution : Quantity
-        Before the cut.
-    low, high : float
-        Range of the model.
-    by_thickness : bool
-        True if the distribution is that of a thickness [m], which tells the coordinate only together with the radius:
-        `values` are thicknesses then, and not cut.
-
-    Examples
-    --------
-    >>> alpha = Coordinate("pre_inflation", Quantity.uniform(0.0, 0.1), 0.0, 0.1)
-    >>> alpha.values([0.25, 0.5]).round(6).tolist(), alpha.log_density(0.2).item()
-    ([0.025, 0.05], -inf)
-    """
+    """A coordinate and its prior, cut to the range of the model."""
 
     name: str
-    distribution: Quantity
-    low: float
+    distribution: Quantity  # before the cut
+    low: float  # of the model
     high: float
-    by_thickness: bool = False
+    by_thickness: bool = False  # the distribution is of a thickness [m], which tells B together with a
 
     @classmethod
     def all_of(cls, model: ForwardModel, prior: Prior) -> tuple[Coordinate, ...]:
-        """Return the coordinates of a model in their order; a prior that is not stated is that of `CoordinateRange`.
-
-        Raises
-        ------
-        InputError
-            If the prior is of a name that is no coordinate of the model or reaches far beyond the range of the model.
-        """
+        """Return the coordinates of a model in their order; a prior that is not stated is that of `CoordinateRange`."""
         check_coordinates(model, prior)
         return tuple(cls._of(name, ends, prior) for name, ends in model.coordinates.items())
 
@@ -478,12 +398,7 @@ class Coordinate:
 
 
 def check_coordinates(model: ForwardModel, prior: Prior) -> None:
-    """Refuse a prior of a name that is no coordinate of the model, naming those that are.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a prior of a name that is no coordinate of the model, naming those that are."""
     names = tuple(model.coordinates)
     for other in prior.coordinates:
         if ("bending" if other == THICKNESS else other) not in names:
@@ -663,12 +578,7 @@ KEYS = tuple(field.name for field in fields(Membrane) if field.name not in ("law
 
 
 def refuse_membrane(path: str | Path, where: str) -> None:
-    """Refuse a measurement's file with a table ``[membrane]`` where the membrane is that of a database.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a measurement's file with a table ``[membrane]`` where the membrane is that of a database."""
     if "membrane" in InputFile.read(path).content:
         advice = "remove it, or use capsbayes identify"
         raise InputError(str(path), "membrane", f"no such table in a capsule of {where}", "one", advice)

@@ -69,20 +69,9 @@ def quasi_random(dimensions: int, count: int, seed: int, after: int = 0) -> Floa
 
 
 def smoothed(log_weights: Floats) -> tuple[Floats, float]:
-    """Return log weights whose tail is that of a generalised Pareto distribution fitted to it, and its shape k.
-
-    Means by the weights have a finite variance for k below 1/2, and a usable one up to 0.7; k is infinite where they
-    are too few.
-
-    Parameters
-    ----------
-    log_weights : (n,) array
-        Those of -inf do not count among the tail.
-
-    References
-    ----------
-    Vehtari, Simpson, Gelman, Yao, Gabry 2024, J. Mach. Learn. Res. 25, 72.
-    """
+    """Return log weights whose tail is that of a generalised Pareto distribution fitted to it, and its shape k."""
+    # Means by the weights have a finite variance for k below 1/2, and a usable one up to 0.7; k is infinite where they
+    # are too few.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of ArviZ itself
         import arviz  # slow to import
@@ -98,9 +87,8 @@ def pareto_shape(log_weights: Floats) -> float:
 
 # Mixture of t distributions about a curved sheet, fitted to weighted points: what importance sampling draws from.
 #
-# Two lengths tell two numbers of the six or so: the posterior is a thin curved sheet.
-# Polynomials follow it; what is left about it is nearly Gaussian, and a mixture of
-# a few t distributions holds the rest
+# Two lengths tell two numbers of the six or so: the posterior is a thin curved sheet. Polynomials follow it; what is
+# left about it is nearly Gaussian, and a mixture of a few t distributions holds the rest
 
 PLACE = 2  # first columns of a point: log Ca and a/l
 _FREEDOM = 5.0  # of the fitted t distributions
@@ -116,20 +104,12 @@ _GRAIN = 2.0**-26
 
 
 class Polynomial(NamedTuple):
-    """A column of points as a function of those after it.
+    """A column of points as a function of those after it."""
 
-    Parameters
-    ----------
-    centre, scale : (m,) arrays
-        Of the arguments.
-    degree : int
-    coefficients : (terms,) array
-    """
-
-    centre: Floats
+    centre: Floats  # (m,): of the arguments
     scale: Floats
     degree: int
-    coefficients: Floats
+    coefficients: Floats  # (terms,)
 
     @classmethod
     def fitted(cls, arguments: Floats, values: Floats, weights: Floats) -> Polynomial:
@@ -174,16 +154,9 @@ def _factors(number: int, degree: int) -> tuple[Integers, Integers]:
 
 
 class Sheet(NamedTuple):
-    """Where the posterior lies: two columns of a point, each a polynomial of those that are left.
+    """Where the posterior lies: two columns of a point, each a polynomial of those that are left."""
 
-    Parameters
-    ----------
-    columns : tuple of int
-        The first that is known if all others are, then that which is known if all but the first are.
-    polynomials : tuple of Polynomial
-    """
-
-    columns: tuple[int, ...]
+    columns: tuple[int, ...]  # the first is known if all others are, the second if all but the first are
     polynomials: tuple[Polynomial, ...]
 
     @classmethod
@@ -222,24 +195,13 @@ class Sheet(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Mixture of g t distributions in d dimensions, about a sheet.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    shares : (g,) array
-        Probability of each.
-    centres : (g, d) array
-    factors : (g, d, d) array
-        Lower triangular, factors of the scale matrices.
-    freedoms : (g,) array
-    """
+    """Mixture of g t distributions in d dimensions, about a sheet."""
 
     sheet: Sheet
-    shares: Floats
-    centres: Floats
-    factors: Floats
-    freedoms: Floats
+    shares: Floats  # (g,): probability of each
+    centres: Floats  # (g, d)
+    factors: Floats  # (g, d, d): lower triangular, factors of the scale matrices
+    freedoms: Floats  # (g,)
 
     @classmethod
     def fitted(cls, points: Floats, weights: Floats) -> Proposal:
@@ -424,26 +386,15 @@ def _to_grain(values: Floats, scales: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Points (log Ca, a/l, the normal score of each further coordinate under its prior, and l in standard errors).
+    """Points (log Ca, a/l, the normal score of each further coordinate under its prior, and l in standard errors)."""
 
-    A coordinate that the data tell nothing of is standard normal then, and one whose range the data end at is not cut.
-
-    Parameters
-    ----------
-    domain : Domain
-        Of the model.
-    coordinates : tuple of Coordinate
-        Those by a known thickness have no column.
-    half_width : Quantity or None
-        Where it is a dimension.
-    central_width : float [m]
-        Where it is none.
-    """
+    # A coordinate that the data tell nothing of is standard normal then, and one whose range the data end at is not
+    # cut.
 
     domain: Domain
-    coordinates: tuple[Coordinate, ...]
-    half_width: Quantity | None
-    central_width: float
+    coordinates: tuple[Coordinate, ...]  # those by a known thickness have no column
+    half_width: Quantity | None  # where it is a dimension
+    central_width: float  # [m]: where it is none
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -506,10 +457,8 @@ class Frame:
     def log_density(
         self, density: PosteriorDensity, points: Floats, nodes: Nodes, width: Floats | None = None
     ) -> Floats:
-        """Return the log of the posterior density at points (n, d) : (n,) array, -inf where it vanishes.
-
-        The half width (n,) is given where it is a dimension.
-        """
+        """Return the log of the posterior density at points (n, d) : (n,) array, -inf where it vanishes."""
+        # The half width (n,) is given where it is a dimension.
         possible = np.isfinite(nodes.model.extent)
         if width is not None:
             possible &= width > 0.0
@@ -528,12 +477,7 @@ class Frame:
 
 
 def check_thickness(coordinates: tuple[Coordinate, ...], experiment: Experiment, domain: Domain) -> None:
-    """Refuse a thickness of the membrane that leaves the range of the bending modulus at every size of the model.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a thickness of the membrane that leaves the range of the bending modulus at every size of the model."""
     for each in coordinates:
         if not each.by_thickness:
             continue

@@ -20,7 +20,6 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import COARSE_DROP, CoarseTable, GridPosterior, Nodes, Window
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints, resolution
-from capsbayes.infer.log_grid import resampled
 from capsbayes.infer.outline import AnyOutline, outline_likelihood
 from capsbayes.infer.prior import Inputs, Prior, check_coordinates
 from capsbayes.measurement import Measurement
@@ -52,18 +51,7 @@ _WIDTH_REACH = 5.5  # standard deviations of l on either side
 
 
 class Quadrature:
-    """Engine for many capsules of one model and one experiment.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    experiment : Experiment
-    prior : Prior, optional
-
-    Examples
-    --------
-    ``Quadrature(model, experiment)(measurement).marginal("surface_shear_modulus").median``
-    """
+    """Engine for many capsules of one model and one experiment."""
 
     def __init__(self, model: ForwardModel, experiment: Experiment, prior: Prior | None = None) -> None:
         self.model, self.experiment, self.prior = model, experiment, prior or Prior()
@@ -81,23 +69,7 @@ class Quadrature:
         error_scale: float = 1.0,
         outline: AnyOutline | None = None,
     ) -> GridPosterior:
-        """Compute the posterior of one capsule.
-
-        Parameters
-        ----------
-        measurement : Measurement
-        inputs : Inputs, optional
-            Replace those of the measurement and of the experiment.
-        error_scale : float
-            Factor on the model's own standard errors.
-        outline : OutlineLikelihood, optional
-            Likelihood of the outline; by default that of the measured outline about the most probable shape.
-
-        Raises
-        ------
-        InputError
-            If the model has no such shape, or the prior excludes all capsules that have it.
-        """
+        """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)
         check_shape(self.model, measurement, with_error_of_half_width(density), self.table.nodes)
@@ -119,23 +91,9 @@ class Quadrature:
         return posterior
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
-        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities.
-
-        Neither the lengths nor a flow rate next to a velocity are read. Covariances are widened as those of a
-        `CoarseTable`.
-
-        Parameters
-        ----------
-        density : PosteriorDensity
-            Of the capsule.
-
-        Returns
-        -------
-        model : ModelAtPoints
-            Of (n,) arrays.
-        logs : (n,) array
-            Up to a constant of the capsule.
-        """
+        """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities."""
+        # Neither the lengths nor a flow rate next to a velocity are read. Covariances are widened as those of a
+        # `CoarseTable`.
         by_rate = density.inputs.by_flow_rate
         if density.flow_rate is not None and not by_rate:
             density = replace(density, inputs=density.inputs.first_source)
@@ -194,8 +152,7 @@ class Quadrature:
         log_density = density.log_density(points, nodes.log_ca, nodes.size, half_width)
         if widths is not None:
             log_density = log_density + np.log(widths[1])[:, None]
-        log_scale = float(np.nanmax(log_density))
-        free = np.exp(log_density - log_scale)
+        free = np.exp(log_density - np.nanmax(log_density))
         free[np.isnan(free)] = 0.0  # nan_to_num takes five times as long
         free = free * nodes.side**2
         share = np.nan_to_num(np.exp(density.log_share(points, nodes.log_ca, nodes.size, half_width)))
@@ -206,7 +163,6 @@ class Quadrature:
             nodes,
             None if widths is None else widths[0],
             free.reshape(-1, len(nodes.size)),
-            log_scale,
             share,
             (),
         )
@@ -221,21 +177,7 @@ def with_error_of_half_width(density: PosteriorDensity) -> PosteriorDensity:
 
 
 def check_shape(model: ForwardModel, measurement: Measurement, density: PosteriorDensity, nodes: Nodes) -> None:
-    """Refuse lengths that lie far from those of every shape of the model.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    measurement : Measurement
-    density : PosteriorDensity
-        With the error of the half width in that of the lengths.
-    nodes : Nodes
-        Of the model, next to every shape.
-
-    Raises
-    ------
-    NoShapeError
-    """
+    """Refuse lengths that lie far from those of every shape of the model."""
     distance = density.likelihood.distance(nodes.model)
     nearest = int(np.nanargmin(distance))
     if distance[nearest] <= FARTHEST:
@@ -258,12 +200,7 @@ def check_shape(model: ForwardModel, measurement: Measurement, density: Posterio
 
 
 def log_density_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: str) -> Floats:
-    """Return the log of the posterior density at nodes; refuse priors that hold no shape with the measured lengths.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return the log of the posterior density at nodes; refuse priors that hold no shape with the measured lengths."""
     at = nodes.model, nodes.log_ca, nodes.size
     of_lengths = density.log_density(*at)
     both = np.asarray(of_lengths + density.log_share(*at))
@@ -306,10 +243,8 @@ def _log_density(table: CoarseTable, density: PosteriorDensity) -> Floats:
 
 
 def _over(likely: Booleans, first: Window, window: Window) -> Booleans:
-    """Return the cells of a window whose middles lie in the likely cells of the first one : (i, j) array.
-
-    `likely` has one more cell on each side, for what lies beyond.
-    """
+    """Return the cells of a window whose middles lie in the likely cells of the first one : (i, j) array."""
+    # `likely` has one more cell on each side, for what lies beyond.
     rows, columns = (
         np.clip((axis - low) / step + 1.0, 0.0, count + 1.0).astype(int)
         for axis, low, step, count in zip(window.axes, first.low, first.step, first.shape, strict=True)
@@ -323,7 +258,7 @@ def _half_widths(density: PosteriorDensity) -> tuple[Floats, Floats]:
     sd = float(np.sqrt(masses.variance))
     relative_error = np.sqrt(likelihood.zz) / likelihood.extent
     count = int(np.clip(np.ceil(2.0 * _WIDTH_REACH * sd / relative_error), *_WIDTHS))
-    masses = resampled(masses, 2.0 * _WIDTH_REACH * sd / count)
+    masses = masses.resampled(2.0 * _WIDTH_REACH * sd / count)
     kept = masses.masses > 1e-9 * masses.masses.max()
     return np.exp(masses.logs[kept]), masses.masses[kept]
 

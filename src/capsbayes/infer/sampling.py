@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,19 +16,16 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.importance import WeightedPosterior
 from capsbayes.infer.likelihood import ModelAtPoints
+from capsbayes.infer.proposal import normalised, tempering
 from capsbayes.model import ForwardModel
 from capsbayes.run import step_of
 
 # Convergence of walkers: R-hat between ensembles, autocorrelation time, bulk and tail effective sample size; gates.
 #
 # The definitions are those of ArviZ, with which the tests compare. ArviZ itself is not used: its import takes one to
-# two
-# seconds, longer than the sampling, and its R-hat takes the walkers of an ensemble for independent chains.
+# two seconds, longer than the sampling, and its R-hat takes the walkers of an ensemble for independent chains.
 #
-# References
-# ----------
-# Vehtari, Gelman, Simpson, Carpenter, Burkner 2021, Bayesian Analysis 16, 667,
-# doi:10.1214/20-BA1221
+# Vehtari, Gelman, Simpson, Carpenter, Burkner 2021, Bayesian Analysis 16, 667, doi:10.1214/20-BA1221
 
 FEWEST_ENSEMBLES = 4
 LARGEST_RHAT = 1.01
@@ -39,13 +36,7 @@ ACCEPTANCE = (0.1, 0.9)
 
 
 def chain_gates(chain: Floats) -> list[Gate]:
-    """Return the gates that need every step: R-hat, length in autocorrelation times, acceptance, stuck walkers.
-
-    Parameters
-    ----------
-    chain : (steps, ensembles, walkers, d) array
-        After burn-in.
-    """
+    """Return the gates that need every step: R-hat, length in autocorrelation times, acceptance, stuck walkers."""
     steps, ensembles, walkers, dimensions = chain.shape
     flat = chain.reshape(steps, ensembles * walkers, dimensions)
     times = np.array([autocorrelation_time(flat[..., k]) for k in range(dimensions)])
@@ -68,30 +59,15 @@ def chain_gates(chain: Floats) -> list[Gate]:
 
 
 def ess_gates(draws: Mapping[str, Floats]) -> list[Gate]:
-    """Return the gates on the effective sample sizes of the reported quantities that vary.
-
-    Parameters
-    ----------
-    draws : mapping of (chains, draws) arrays
-    """
+    """Return the gates on the effective sample sizes of the reported quantities that vary."""
     varying = [values for values in draws.values() if np.ptp(values) > 0.0]
     found = {"smallest bulk ESS": min(map(bulk_ess, varying)), "smallest tail ESS": min(map(tail_ess, varying))}
     return [Gate(name, value, least=SMALLEST_ESS) for name, value in found.items()]
 
 
 def split_rhat(draws: Floats) -> float:
-    """Return the rank-normalised R-hat between the halves of independent ensembles.
-
-    Walkers of one ensemble are pooled: they are not independent chains.
-
-    Parameters
-    ----------
-    draws : (steps, ensembles, walkers) array
-
-    Returns
-    -------
-    float
-    """
+    """Return the rank-normalised R-hat between the halves of independent ensembles."""
+    # Walkers of one ensemble are pooled: they are not independent chains.
     half = len(draws) // 2
     scores = _normal_scores(draws[: 2 * half])
     chains = np.stack([scores[:half], scores[half:]]).transpose(0, 2, 1, 3).reshape(2 * draws.shape[1], -1)
@@ -102,14 +78,8 @@ def split_rhat(draws: Floats) -> float:
 
 
 def autocorrelation_time(draws: Floats) -> float:
-    """Return the integrated autocorrelation time in steps, by emcee's window of five times itself.
-
-    The covariances of the walkers are averaged, so that one that never moves counts as such.
-
-    Parameters
-    ----------
-    draws : (steps, chains) array
-    """
+    """Return the integrated autocorrelation time in steps, by emcee's window of five times itself."""
+    # The covariances of the walkers are averaged, so that one that never moves counts as such.
     correlation = _autocovariance(draws.T).mean(axis=0)
     times = 2.0 * np.cumsum(correlation / correlation[0]) - 1.0
     window = np.flatnonzero(np.arange(len(times)) >= 5.0 * times)
@@ -117,22 +87,12 @@ def autocorrelation_time(draws: Floats) -> float:
 
 
 def bulk_ess(draws: Floats) -> float:
-    """Return the effective sample size of the rank-normalised draws.
-
-    Parameters
-    ----------
-    draws : (chains, draws) array
-    """
+    """Return the effective sample size of the rank-normalised draws."""
     return _ess(_normal_scores(_split(draws)))
 
 
 def tail_ess(draws: Floats) -> float:
-    """Return the smaller effective sample size of the 5 % and of the 95 % quantile.
-
-    Parameters
-    ----------
-    draws : (chains, draws) array
-    """
+    """Return the smaller effective sample size of the 5 % and of the 95 % quantile."""
     halves = _split(draws)
     low, high = np.quantile(halves, [0.05, 0.95])
     return min(_ess((halves <= low).astype(float)), _ess((halves <= high).astype(float)))
@@ -182,24 +142,9 @@ def _ess(chains: Floats) -> float:
 
 
 class LogDensity:
-    """Log posterior density over (log Ca, a/l), the further coordinates of the model, and l if the shape depends on it.
+    """Log posterior density over (log Ca, a/l, further coordinates, and l if the shape depends on it)."""
 
-    The inputs that the shape does not depend on are integrated out exactly and drawn afterwards.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    density : PosteriorDensity
-
-    Attributes
-    ----------
-    names : tuple of str
-        Coordinates; the first is the logarithm of the capillary number.
-    sampled : tuple of str
-        Those of them that are inputs.
-    not_a_number : int
-        Points inside the model's domain whose density came out NaN; they count as impossible.
-    """
+    # The inputs that the shape does not depend on are integrated out exactly and drawn afterwards.
 
     def __init__(self, model: ForwardModel, density: PosteriorDensity) -> None:
         self.model, self.density = model, density
@@ -247,9 +192,8 @@ class LogDensity:
 
 # Initial points of the walkers: of finite density, spread somewhat wider than the posterior.
 #
-# Points are drawn over the whole domain, weighted by a power of their density
-# that keeps enough of them alive, and the cloud they describe is drawn from
-# again; a few rounds lead from the domain to the posterior wherever it is
+# Points are drawn over the whole domain, weighted by a power of their density that keeps enough of them alive, and the
+# cloud they describe is drawn from again; a few rounds lead from the domain to the posterior wherever it is
 
 _CLOUD = 4096
 _ALIVE = 1024
@@ -260,26 +204,7 @@ _WIDENING = 1.5
 def starting_points(
     log_density: LogDensity, ensembles: int, walkers: int, rng: np.random.Generator, cloud: Floats | None = None
 ) -> Floats:
-    """Draw initial points for several ensembles.
-
-    Parameters
-    ----------
-    log_density : LogDensity
-    ensembles, walkers : int
-    rng : Generator
-    cloud : (n, d) array, optional
-        Points of the posterior; by default they are sought over the whole domain.
-
-    Returns
-    -------
-    (ensembles, walkers, d) array
-        All different, all of finite density.
-
-    Raises
-    ------
-    ValueError
-        If no point of finite density was found.
-    """
+    """Draw initial points for several ensembles."""
     if cloud is not None:
         return _finite(log_density, cloud, (ensembles, walkers), rng)
     cloud = _over_domain(log_density, rng)
@@ -289,10 +214,8 @@ def starting_points(
         if np.count_nonzero(alive) < 4:
             raise ValueError("no point of the model's domain has a finite posterior density")
         cloud, values = cloud[alive], values[alive]
-        power = _power_that_keeps(values, min(_ALIVE, len(values) // 2))
-        weights = np.exp(power * (values - values.max()))
-        weights /= weights.sum()
-        kept = cloud[rng.choice(len(cloud), size=_CLOUD, p=weights)]
+        power = tempering(values, min(_ALIVE, len(values) // 2))
+        kept = cloud[rng.choice(len(cloud), size=_CLOUD, p=normalised(power * values))]
         if power == 1.0:
             break
         cloud = _jittered(kept, rng, 0.4)
@@ -307,28 +230,10 @@ def _over_domain(log_density: LogDensity, rng: np.random.Generator) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _power_that_keeps(values: Floats, count: int) -> float:
-    """Return the largest power, at most one, at which the weights have an effective number of `count` points."""
-
-    def worth(power: float) -> float:
-        weights = np.exp(power * (values - values.max()))
-        return float(weights.sum() ** 2 / (weights @ weights))
-
-    if worth(1.0) >= count:
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if worth(middle) >= count else (low, middle)
-    return low
-
-
 def _jittered(points: Floats, rng: np.random.Generator, factor: float) -> Floats:
-    """Move points by a share of their own spread, so that no two coincide.
-
-    The points are rounded to a millionth of the spread: walkers amplify a difference in the last digit until their
-    chains have nothing in common, and that digit depends on the processor.
-    """
+    """Move points by a share of their own spread, so that no two coincide."""
+    # The points are rounded to a millionth of the spread: walkers amplify a difference in the last digit until their
+    # chains have nothing in common, and that digit depends on the processor.
     away = points - points.mean(axis=0)
     spread = np.linalg.cholesky(np.einsum("ni,nj->ij", away, away) / (len(points) - 1) + 1e-18 * np.eye(away.shape[1]))
     moved = points + factor * np.einsum("nj,ij->ni", rng.standard_normal(points.shape), spread)
@@ -352,69 +257,38 @@ def _finite(log_density: LogDensity, points: Floats, shape: tuple[int, int], rng
 
 # The sampling engine: several independent ensembles of emcee, extended until the gates hold.
 #
-# Moves are differential evolution with some stretch. `DESnookerMove` of emcee
-# 3.1.6 is never used: its proposal is wrong and makes intervals 7 % too narrow.
+# Moves are differential evolution with some stretch. `DESnookerMove` of emcee 3.1.6 is never used: its proposal is
+# wrong and makes intervals 7 % too narrow.
 #
-# References
-# ----------
-# Goodman, Weare 2010, Commun. Appl. Math. Comput. Sci. 5, 65, doi:10.2140/camcos.2010.5.65.
-# Foreman-Mackey, Hogg, Lang, Goodman 2013, PASP 125, 306, doi:10.1086/670067.
-# Nelson, Ford, Payne 2013, ApJS 210, 11, doi:10.1088/0067-0049/210/1/11
+# Goodman, Weare 2010, Commun. Appl. Math. Comput. Sci. 5, 65, doi:10.2140/camcos.2010.5.65. Foreman-Mackey, Hogg, Lang,
+# Goodman 2013, PASP 125, 306, doi:10.1086/670067. Nelson, Ford, Payne 2013, ApJS 210, 11,
+# doi:10.1088/0067-0049/210/1/11
 
 Moves = Sequence[tuple[Any, float]]
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Amount of sampling.
-
-    Parameters
-    ----------
-    ensembles : int
-        Independent ensembles.
-    walkers : int
-        Of each ensemble.
-    steps : int
-        Before the gates are evaluated for the first time.
-    extension : float
-        Share of the steps done by which the run grows while a gate fails.
-    budget : int
-        Steps after which sampling ends in any case.
-    doublings : int
-        Largest number of times that a run which passed its gates is doubled because it is not precise enough.
-    """
+    """Amount of sampling."""
 
     ensembles: int = 4
-    walkers: int = 64
-    steps: int = 450
-    extension: float = 0.15
-    budget: int = 10_000
-    doublings: int = 3
+    walkers: int = 64  # of each ensemble
+    steps: int = 450  # before the gates are evaluated for the first time
+    extension: float = 0.15  # share of the steps done by which the run grows while a gate fails
+    budget: int = 10_000  # steps after which sampling ends in any case
+    doublings: int = 3  # at most, of a run that passed its gates but is not precise enough
 
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Chains of the walkers after burn-in.
+    """Chains of the walkers after burn-in."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Coordinates; the first is the logarithm of the capillary number.
-    coordinates : (steps, ensembles, walkers, d) array
-    log_density : (steps, ensembles, walkers) array
-    time : float
-        Longest autocorrelation time, in steps.
-    burn_in, steps : int
-        Steps omitted and kept.
-    gates : list of Gate
-    """
-
-    names: tuple[str, ...]
-    coordinates: Floats
-    log_density: Floats
-    time: float
-    burn_in: int
-    steps: int
+    names: tuple[str, ...]  # coordinates; the first is the logarithm of the capillary number
+    coordinates: Floats  # (steps, ensembles, walkers, d)
+    log_density: Floats  # (steps, ensembles, walkers)
+    time: float  # longest autocorrelation time, in steps
+    burn_in: int  # steps omitted
+    steps: int  # steps kept
     gates: list[Gate]
 
     def named(self) -> dict[str, Floats]:
@@ -425,15 +299,7 @@ class Chains:
     def thinned(self) -> Chains:
         """Return the chains thinned so much that consecutive steps are nearly independent."""
         every = max(1, int(self.time / 2.0))
-        return Chains(
-            self.names,
-            self.coordinates[::every],
-            self.log_density[::every],
-            self.time,
-            self.burn_in,
-            self.steps,
-            self.gates,
-        )
+        return replace(self, coordinates=self.coordinates[::every], log_density=self.log_density[::every])
 
 
 def sampled(
@@ -445,26 +311,7 @@ def sampled(
     cloud: Floats | None = None,
     moves: Moves | None = None,
 ) -> Chains:
-    """Sample a posterior.
-
-    Parameters
-    ----------
-    log_density : LogDensity
-    seed : int
-        Of the starts and of every ensemble.
-    effort : Effort, optional
-    enough : callable
-        Called once the gates hold; while it returns False the run is doubled, at most `Effort.doublings` times.
-    cloud : (n, d) array, optional
-        Points of the posterior about which the walkers start; by default they are sought over the whole domain.
-    moves : sequence of pairs of a move of emcee and its share, optional
-        By default differential evolution with some stretch.
-
-    Returns
-    -------
-    Chains
-        With the gates as they stood at the end; they need not have passed.
-    """
+    """Sample a posterior."""
     effort = effort or Effort()
     if effort.walkers < 2 * len(log_density.names):
         expected = f"at least two for each of {len(log_density.names)} dimensions"
@@ -491,27 +338,15 @@ def sampled(
 
 
 class _Stretch(NamedTuple):
-    """Some steps of an ensemble.
+    """Some steps of an ensemble."""
 
-    Parameters
-    ----------
-    chain : (steps, walkers, d) array
-    log_density : (steps, walkers) array
-    random : (624,) array
-        State of the random numbers at the end, with the next three.
-    position, has_gauss : int
-    cached_gauss : float
-    wrong : int
-        Points that were visited whose density is not a number.
-    """
-
-    chain: Floats
-    log_density: Floats
-    random: NDArray[np.uint32]
+    chain: Floats  # (steps, walkers, d)
+    log_density: Floats  # (steps, walkers)
+    random: NDArray[np.uint32]  # (624,): state of the random numbers at the end, with the next three
     position: int
     has_gauss: int
     cached_gauss: float
-    wrong: int
+    wrong: int  # points of which the density is not a number
 
 
 def _begun(log_density: LogDensity, start: Floats, seed: int) -> _Stretch:
@@ -527,21 +362,14 @@ def _continued(log_density: LogDensity, first: _Stretch, last: _Stretch, todo: i
     def run() -> _Stretch:
         import emcee
 
-        kinds, shares = zip(*(moves or [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]), strict=True)
-        rng = np.random.RandomState()
-        rng.set_state(("MT19937", *last[2:6]))
+        usual = [(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
+        sampler = emcee.EnsembleSampler(*last.chain[-1].shape, log_density, moves=moves or usual, vectorize=True)
+        start = emcee.State(last.chain[-1], log_prob=last.log_density[-1], random_state=("MT19937", *last[2:6]))
         before = log_density.not_a_number
-        # the loop of emcee's sampler, which checks and copies for longer than the density takes
-        model = emcee.model.Model(log_density, lambda points: (log_density(points), None), map, rng)
-        state = emcee.State(last.chain[-1], log_prob=last.log_density[-1], copy=True)
-        chain, densities = np.empty((todo, *state.coords.shape)), np.empty((todo, len(state.coords)))
-        for step in range(todo):
-            state, _ = rng.choice(kinds, p=shares).propose(model, state)
-            chain[step], densities[step] = state.coords, state.log_prob
+        sampler.run_mcmc(start, todo, skip_initial_state_check=True)
         wrong = log_density.not_a_number - before
-        after: Any = rng.get_state()
-        random: tuple[NDArray[np.uint32], int, int, float] = after[1:]
-        return _Stretch(chain, densities, *random, wrong)
+        random: tuple[NDArray[np.uint32], int, int, float] = sampler.random_state[1:]
+        return _Stretch(sampler.get_chain(), sampler.get_log_prob(), *random, wrong)
 
     return step_of(_Stretch, ("ensemble", first, last.chain[-1], last[2:6], todo), run)
 
@@ -571,24 +399,17 @@ _SHEET_CLOUD = 4096
 
 
 class SheetDensity(LogDensity):
-    """Log posterior density relative to the sheet of a weighted posterior, each coordinate by its normal score.
-
-    Parameters
-    ----------
-    posterior : WeightedPosterior
-    """
+    """Log posterior density relative to the sheet of a weighted posterior, each coordinate by its normal score."""
 
     def __init__(self, posterior: WeightedPosterior) -> None:
         super().__init__(posterior.forward, posterior.density)
         self.posterior = posterior
 
     def __call__(self, coordinates: Floats) -> Floats:
-        """Return the log density : (n, d) -> (n,) array, -inf where the density vanishes or is not a number."""
         points = self.posterior.proposal.sheet.raised(coordinates)
         return self.posterior.frame.evaluated(self.model, self.density, points)[1]
 
     def unfolded(self, coordinates: Floats) -> Floats:
-        """Return log Ca, a/l, the further coordinates and l of points (..., d) relative to the sheet."""
         flat = coordinates.reshape(-1, coordinates.shape[-1])
         theta = self.posterior.frame.theta(self.posterior.proposal.sheet.raised(flat))
         theta["capillary_number"] = np.log(theta["capillary_number"])

@@ -19,9 +19,8 @@ from capsbayes.model import ForwardModel
 # Tails of a population: normal, or those of Student's t distribution as a mixture of normal distributions.
 #
 # A t distribution of freedom nu is a normal one whose variance is divided by w, and w is gamma distributed with mean
-# one
-# and shape nu / 2: K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881. A few values of
-# w, equally spaced in log w, represent it
+# one and shape nu / 2: K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881. A few
+# values of w, equally spaced in log w, represent it
 
 NORMAL, STUDENT = "normal", "student"
 TAILS = (NORMAL, STUDENT)
@@ -48,12 +47,7 @@ class ScaleMixture(NamedTuple):
 
     @classmethod
     def of_freedom(cls, log_freedom: Floats) -> ScaleMixture:
-        """Return the tails of t distributions.
-
-        Parameters
-        ----------
-        log_freedom : (d,) array
-        """
+        """Return the tails of t distributions."""
         half = 0.5 * np.exp(np.clip(log_freedom, _LOWEST, _HIGHEST))[:, None]
         low, high = (np.log(special.gammaincinv(half, share) / half) for share in (_BEYOND, 1.0 - _BEYOND))
         log_w = low + (high - low) * np.linspace(0.0, 1.0, NODES)
@@ -78,19 +72,9 @@ class ScaleMixture(NamedTuple):
 
 
 def half_width_of(variance: Floats, weight: Floats) -> Floats:
-    """Return half the width of the central 68.3 % of mixtures of centred normal distributions.
-
-    Of a normal distribution it is the standard deviation; of one with heavy tails, which may have none, it says how far
-    two thirds of the population lie from the middle.
-
-    Parameters
-    ----------
-    variance, weight : (d, j) arrays
-
-    Returns
-    -------
-    (d,) array
-    """
+    """Return half the width of the central 68.3 % of mixtures of centred normal distributions."""
+    # Of a normal distribution it is the standard deviation; of one with heavy tails, which may have none, it says how
+    # far two thirds of the population lie from the middle.
     sd = np.sqrt(variance)
     if sd.shape[1] == 1:
         return np.asarray(sd[:, 0])
@@ -112,11 +96,9 @@ def log_prior_of_freedom(log_freedom: Floats) -> Floats:
 #
 # A capsule too soft for its flow has no steady shape and is never measured, and a cut on Lambda, as the published 1.04,
 # keeps the soft and the large ones. If the likelihood ignores either, the population looks stiffer or softer than it
-# is.
-# Each capsule's likelihood is therefore divided by the probability that a capsule of the population in its flow is in
-# the
-# sample: T. J. Loredo (2004), https://doi.org/10.48550/arXiv.astro-ph/0409387; I. Mandel, W. M. Farr and J. R. Gair
-# (2019), https://doi.org/10.1093/mnras/stz896.
+# is. Each capsule's likelihood is therefore divided by the probability that a capsule of the population in its flow is
+# in the sample: T. J. Loredo (2004), https://doi.org/10.48550/arXiv.astro-ph/0409387; I. Mandel, W. M. Farr and J. R.
+# Gair (2019), https://doi.org/10.1093/mnras/stz896.
 #
 # Both limits are limits of Ca at given a/l, so that in (log(G_s / mu), log(a / l)) they do not depend on the viscosity,
 # the half width and the scale of the velocities that all capsules share: their errors shift the result as a whole
@@ -153,28 +135,14 @@ def kept_rows(population: Population, least: float) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Capsules in the sample: Ca between that of a cut on Lambda, if there is one, and the limit of steady shapes.
+    """Capsules in the sample: Ca between that of a cut on Lambda, if there is one, and the limit of steady shapes."""
 
-    Parameters
-    ----------
-    flow : (n,) array
-        log(mu U) of each capsule of the sample.
-    half_width : (n,) array
-        log l of each.
-    edges : (k - 1,) array
-        Between columns of log(a/l); the first and the last column are open, since a capsule of any size is measured.
-    limit : (k,) array
-        log Ca of the limit in each column.
-    cut, cut_error : (k,) arrays
-        log Ca of the cut, -inf without one, and its standard error.
-    """
-
-    flow: Floats
-    half_width: Floats
-    edges: Floats
-    limit: Floats
-    cut: Floats
-    cut_error: Floats
+    flow: Floats  # (n,): log(mu U) of each capsule of the sample
+    half_width: Floats  # (n,): log l of each
+    edges: Floats  # (k - 1,): between columns of log(a/l), the first and the last of which are open
+    limit: Floats  # (k,): log Ca of the limit in each column
+    cut: Floats  # (k,): log Ca of the cut, -inf without one
+    cut_error: Floats  # (k,)
 
     @classmethod
     def of(
@@ -188,27 +156,7 @@ class Selection:
         least_stretch: float | None = None,
         model: ForwardModel | None = None,
     ) -> Selection:
-        """Return the selection with the flows and errors of a population.
-
-        Parameters
-        ----------
-        population : Population
-        kept : (n,) bool array
-            Its capsules in the sample.
-        limit : tuple of (k,) arrays
-            As `limit_of` returns it.
-        viscosity, half_width : float [Pa s], [m]
-            Of all capsules; a capsule's own take their place.
-        least_stretch : float, optional
-            Smallest Lambda that was kept.
-        model : ForwardModel, optional
-            Whose Lambda is read.
-
-        Raises
-        ------
-        InputError
-            If no capsule is left.
-        """
+        """Return the selection with the flows and errors of a population."""
         if not kept.any():
             raise InputError("selection", "least_stretch", "a Lambda that some capsule exceeds", f"{least_stretch}")
         size, highest = limit
@@ -238,24 +186,7 @@ class Selection:
         return means[0], means[1], np.array([len(group) for group in groups], dtype=np.float64)
 
     def shares(self, parameters: Floats, modulus: ScaleMixture, radius: ScaleMixture) -> tuple[Floats, Floats, Floats]:
-        """Return which shares of some populations are in the sample, in each group of capsules in like flow.
-
-        Parameters
-        ----------
-        parameters : (d, p) array
-            Populations, as of `capsbayes.infer.hierarchy`.
-        modulus, radius : ScaleMixture
-            Their tails.
-
-        Returns
-        -------
-        kept : (d, f) array
-            In the sample.
-        lost : (d, f) array
-            Too soft for a steady shape.
-        number : (f,) array
-            Capsules of each group.
-        """
+        """Return which shares of some populations are in the sample, in each group of capsules in like flow."""
         flow, half_width, number = self._groups()
         kept, lost = (np.empty((len(parameters), len(number))) for _ in range(2))
         columns = self.edges, self.limit, self.cut, self.cut_error
@@ -276,17 +207,7 @@ class Selection:
         return found
 
     def holds(self, modulus: Floats, radius: Floats, of: Integers, rng: np.random.Generator) -> NDArray[np.bool_]:
-        """Return whether capsules in the flows of the sample would be in it : (m,) array.
-
-        Parameters
-        ----------
-        modulus, radius : (m,) arrays
-            log G_s and log a.
-        of : (m,) array
-            Number of the capsule of the sample in whose flow each is.
-        rng : numpy.random.Generator
-            For the error of Lambda.
-        """
+        """Return whether capsules in the flows of the sample would be in it : (m,) array."""
         log_size, log_ca = radius - self.half_width[of], self.flow[of] - modulus
         column = np.searchsorted(self.edges, log_size, side="right")
         seen = log_ca + self.cut_error[column] * rng.standard_normal(len(column))

@@ -57,7 +57,6 @@ from capsbayes.infer.proposal import (
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
-from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.run import digest_of, keeping_steps, run_tasks, step_task
@@ -72,23 +71,16 @@ if TYPE_CHECKING:
 # What the model's own error makes of the posterior of a membrane.
 #
 # Forty outlines tell so much that an error of the model of a tenth of the noise moves their log density at a membrane
-# by
-# several units. Between membranes over which the error changes, these are different numbers: some membrane near the
-# true
-# one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the error
-# may
-# be at each membrane: over random functions whose variance is that of the log density, and which change over the
-# distance
-# over which the model's own error does. The error of the mesh, which all membranes have alike, is not among these.
+# by several units. Between membranes over which the error changes, these are different numbers: some membrane near the
+# true one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the
+# error may be at each membrane: over random functions whose variance is that of the log density, and which change over
+# the distance over which the model's own error does. The error of the mesh, which all membranes have alike, is not
+# among these.
 #
-# References
-# ----------
 # Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (random surrogates,
-# and
-# the posterior averaged over them)
+# and the posterior averaged over them)
 
-FUNCTIONS = 256
-"""Random functions over which posteriors are averaged."""
+FUNCTIONS = 256  # random functions over which posteriors are averaged
 
 _WAVES = 256  # of each function
 _SEED = 5
@@ -97,31 +89,14 @@ _SHAPES_AT_ONCE = 1000  # capsules times membranes
 
 
 class Averaged(NamedTuple):
-    """Weights of d draws, averaged over random functions.
-
-    Parameters
-    ----------
-    log_weights : (d,) array
-    log_evidence : (FUNCTIONS,) array
-        Log of the mean weight under each function.
-    """
+    """Weights of d draws, averaged over random functions."""
 
     log_weights: Floats
-    log_evidence: Floats
+    log_evidence: Floats  # (FUNCTIONS,): log of the mean weight under each function
 
 
 def averaged(log_weights: Floats, places: Floats, variance: Floats) -> Averaged:
-    """Average the weights of d draws over random errors of their log density.
-
-    Parameters
-    ----------
-    log_weights : (d,) array
-        Of a density that is taken as exact.
-    places : (d, c) array
-        Of the membranes; over a distance of one the error changes.
-    variance : (d,) array
-        Of the log density.
-    """
+    """Average the weights of d draws over random errors of their log density."""
     if not np.ptp(places, axis=0).any():  # of one membrane there is one error
         variance = np.full(len(variance), variance[np.isfinite(log_weights)].mean())
     error = np.sqrt(variance)[:, None] * _functions(places)
@@ -131,10 +106,8 @@ def averaged(log_weights: Floats, places: Floats, variance: Floats) -> Averaged:
 
 
 def _functions(places: Floats) -> Floats:
-    """Return random functions at places (d, c) : (d, FUNCTIONS) array.
-
-    Normal with mean 0 and variance 1; at a distance r their correlation is exp(-r^2 / 2).
-    """
+    """Return random functions at places (d, c) : (d, FUNCTIONS) array."""
+    # Normal with mean 0 and variance 1; at a distance r their correlation is exp(-r^2 / 2).
     waves, sizes = _drawn_functions(places.shape[1])
     phase = places @ waves
     return np.asarray(np.concatenate([np.cos(phase), np.sin(phase)], axis=1) @ sizes)
@@ -148,18 +121,9 @@ def _drawn_functions(dimensions: int) -> tuple[Floats, Floats]:
 
 
 def log_density_variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
-    """Return the variance of the log density of d membranes by the model's own error : (d,) array.
-
-    If e is the error of all shapes, in standard errors of what was measured, and u the noise, normal with variance 1,
-    the log density is off by e u: its variance is the mean square of e. What Ca and a/l absorb of e does not count.
-
-    Parameters
-    ----------
-    capsules : Capsules
-    membranes : mapping of (d,) arrays
-    own : (d, n, o) array
-        The best values at each, see `Conditional`.
-    """
+    """Return the variance of the log density of d membranes by the model's own error : (d,) array."""
+    # If e is the error of all shapes, in standard errors of what was measured, and u the noise, normal with variance 1,
+    # the log density is off by e u: its variance is the mean square of e. What Ca and a/l absorb of e does not count.
     some = max(_SHAPES_AT_ONCE // own.shape[1], 1)
     parts = [slice(first, first + some) for first in range(0, len(own), some)]
     return np.concatenate(
@@ -207,15 +171,8 @@ def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
 
 
 def with_model_error(capsules: Capsules, unknowns: Unknowns) -> Capsules:
-    """Return the capsules with the model's own error, as it is at their best membrane, in those of the measurements.
-
-    It is held there: if it changed with the membrane, membranes of which the model is sure would be preferred.
-
-    Raises
-    ------
-    NoShapeError
-        If the capsules have no shape at any membrane.
-    """
+    """Return the capsules with the model's own error, as it is at their best membrane, in those of the measurements."""
+    # It is held there: if it changed with the membrane, membranes of which the model is sure would be preferred.
     known = capsules
     points = starting_points(capsules, unknowns) if unknowns.dimensions else np.zeros((1, 0))
     for _ in range(_PILOTS):
@@ -315,31 +272,15 @@ _AT_ONCE = 20_000  # capsules times membranes that are found together
 
 
 class Found(NamedTuple):
-    """The capsules at d membranes.
+    """The capsules at d membranes."""
 
-    Parameters
-    ----------
-    log_density : (d,) array
-        Of the posterior with the model taken as exact, up to a constant of the batch.
-    log_likelihood : (d,) array
-        The part of it that the measurements have.
-    variance : (d,) array
-        Of the log density, by the model's own error.
-    places : (d, c) array
-        Of the membranes; over a distance of one the model's own error changes.
-    settled : (d,) array
-        Share of the capsules whose best values were found, and not on the border of the domain.
-    own, common : (d, n, 2), (d, c) arrays
-        The best values, see `Conditional`.
-    """
-
-    log_density: Floats
-    log_likelihood: Floats
-    variance: Floats
-    places: Floats
-    settled: Floats
-    own: Floats
-    common: Floats
+    log_density: Floats  # (d,): of the posterior with the model taken as exact, up to a constant of the batch
+    log_likelihood: Floats  # (d,): the part of it that the measurements have
+    variance: Floats  # (d,): of the log density, by the model's own error
+    places: Floats  # (d, c): of the membranes; over a distance of one the model's own error changes
+    settled: Floats  # (d,): share of the capsules whose best values were found, and not on the border of the domain
+    own: Floats  # (d, n, o), see `Conditional`
+    common: Floats  # (d, 4)
 
     @classmethod
     def known(cls, values: Start) -> Found:
@@ -349,20 +290,10 @@ class Found(NamedTuple):
 
 
 class MembraneDraws(NamedTuple):
-    """Weighted draws of the membrane.
+    """Weighted draws of the membrane."""
 
-    Parameters
-    ----------
-    points : (d, p) array
-        Coordinates of `Unknowns`.
-    log_weights : (d,) array
-        With the model taken as exact; -inf is a weight of zero.
-    found : Found
-        The capsules there.
-    """
-
-    points: Floats
-    log_weights: Floats
+    points: Floats  # (d, p): coordinates of `Unknowns`
+    log_weights: Floats  # (d,): with the model taken as exact; -inf is a weight of zero
     found: Found
 
     def joined(self, other: MembraneDraws) -> MembraneDraws:
@@ -373,10 +304,8 @@ class MembraneDraws(NamedTuple):
 
     @property
     def wide(self) -> Floats:
-        """Log weights of a posterior to which the measurements add only a share of their log likelihood : (d,) array.
-
-        It holds all modes that the average over errors of the model may have.
-        """
+        """Log weights of a posterior with only a share of the log likelihood of the measurements : (d,) array."""
+        # It holds all modes that the average over errors of the model may have.
         return np.where(
             np.isfinite(self.log_weights), self.log_weights - (1.0 - _WIDE) * self.found.log_likelihood, -np.inf
         )
@@ -393,40 +322,18 @@ class MembraneDraws(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """Result of the sampling.
-
-    Parameters
-    ----------
-    draws : Draws
-    log_weights : (d,) array
-        Of the draws, averaged over errors of the model.
-    log_evidence : (m,) array
-        Log of the mean of the posterior density over the prior under each error of the model, up to a constant of the
-        batch.
-    evidence_error : float
-        Its standard error.
-    gates : tuple of Gate
-    """
+    """Result of the sampling."""
 
     draws: MembraneDraws
-    log_weights: Floats
-    log_evidence: Floats
+    log_weights: Floats  # (d,): of the draws, averaged over errors of the model
+    log_evidence: Floats  # (FUNCTIONS,): of the mean density over the prior under each error of the model
     evidence_error: float
     gates: tuple[Gate, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class MembraneSampling:
-    """Engine for the membrane of a batch.
-
-    Parameters
-    ----------
-    capsules : Capsules
-    unknowns : Unknowns
-    scheduler : str or None
-    workers : int or None
-        Where the capsules are found, see `run_tasks`.
-    """
+    """Engine for the membrane of a batch."""
 
     capsules: Capsules
     unknowns: Unknowns
@@ -550,10 +457,8 @@ def _log_about(mode: Mode, points: Floats) -> Floats:
 
 
 def _nearest(draws: MembraneDraws, points: Floats) -> Start:
-    """Return the capsules as at the nearest of some draws, carried on as they change over the draws.
-
-    Distances are measured by the spread of the draws.
-    """
+    """Return the capsules as at the nearest of some draws, carried on as they change over the draws."""
+    # Distances are measured by the spread of the draws.
     possible = np.isfinite(draws.found.log_density)
     known, found = draws.points[possible], draws.found
     spread = np.std(known, axis=0)
@@ -598,26 +503,13 @@ _POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "rad
 
 @dataclass(frozen=True, eq=False)
 class LawOdds:
-    """What speaks for a law.
-
-    Parameters
-    ----------
-    name : str
-    probability : float
-        Among the laws that were tried, if all are as likely before.
-    log_error : float
-        Standard error of the logarithm of its evidence.
-    usable : bool
-        Whether its gates passed.
-    draws : mapping of arrays
-        As of `SharedMembrane`, if the membrane obeys it.
-    """
+    """What speaks for a law."""
 
     name: str
-    probability: float
-    log_error: float
-    usable: bool
-    draws: Mapping[str, Floats]
+    probability: float  # among the laws that were tried, if all are as likely before
+    log_error: float  # standard error of the logarithm of its evidence
+    usable: bool  # whether its gates passed
+    draws: Mapping[str, Floats]  # as of `SharedMembrane`
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -701,12 +593,8 @@ class SharedMembrane(Readable):
 
     def described(self) -> dict[str, str]:
         """Return medians and 95 % intervals in display units, and the status."""
-        found = {"capsules": str(len(self))}
-        for name, marginal in self.marginals.items():
-            known = PARAMETERS[name]
-            low, middle, high = map(known.shown, (marginal.lower_95, marginal.median, marginal.upper_95))
-            found[name] = f"{middle:.4g} [{low:.4g}, {high:.4g}] {known.shown_unit}".removesuffix(" -")
-        return found | {"status": self.status.name}
+        intervals = {name: marginal.shown(name) for name, marginal in self.marginals.items()}
+        return {"capsules": str(len(self)), **intervals, "status": self.status.name}
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""
@@ -774,14 +662,12 @@ class SharedMembrane(Readable):
 
 # From the measurements of a batch to the membrane that its capsules share
 
-NONE_OF_THEM = "none of them"
-"""The general law, beside those of `LAWS`."""
+NONE_OF_THEM = "none of them"  # the general law, beside those of `LAWS`
 
 MISFIT = "p-value of the misfit of all shapes"
 
 _HERE = "identify_membrane"
-ONE_CAPSULE = (1e-3, 1e-4)
-"""Spreads of ln G_s and of a/l among pictures of one capsule."""
+ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one capsule
 
 _DRAWS = 1000
 _DRAWS_AT_ONCE = 50  # draws whose capsules are drawn together
@@ -853,15 +739,7 @@ def identify_membrane(
     Rue, Martino, Chopin 2009, J. R. Stat. Soc. B 71, 319, doi:10.1111/j.1467-9868.2008.00700.x (Laplace's method).
     Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (model error).
     """
-    if not measurements:
-        raise InputError(_HERE, "measurements", "at least one", "none")
-    for measurement in measurements:
-        check_comparable(measurement, measurement.source or "measurement")
-    outline = measurements[0].outline
-    view = MID_PLANE if outline is None else outline.view
-    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
-    for measurement in measurements:
-        check_applies(model, measurement, experiment)
+    model = _model_of(measurements, experiment, model)
     spreads = _spreads(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
     with threadpool_limits(limits=1):
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
@@ -873,23 +751,8 @@ def identify_membrane(
         under = {NONE_OF_THEM: unknowns}
         if laws:
             under |= {name: unknowns.fixed(fixed) for name, fixed in _possible(unknowns)}
-        few = len(measurements) < _MANY
-        apart = few and len(under) > 1  # each law in a process, where the capsules are too few to be spread themselves
-        inside = "synchronous" if apart or (few and scheduler is workers is None) else scheduler
-        tasks = [keeping_steps(partial(_assumed, each, inside, workers, seed)) for each in under.values()]
-        step = " and ".join(["membrane unknown", *(["known laws"] if len(under) > 1 else [])])
-        told = partial(progress, step)
-        told(0, len(under))
-        found = run_tasks(
-            tasks,
-            scheduler if apart else "synchronous",
-            workers,
-            capsules,
-            experiment,
-            finished=lambda done: told(done, len(under)),
-        )
-    assumed = [(name, *each) for name, each in zip(under, found, strict=True)]
-    sampled, draws = found[0]
+        results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
+    sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
@@ -901,7 +764,7 @@ def identify_membrane(
             [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
         ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
-        laws=_with_odds(assumed) if laws else (),
+        laws=_with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
         prior={key_of(one): one.distribution for one in unknowns.coordinates},
         experiment=experiment,
         model_name=model.name,
@@ -910,6 +773,42 @@ def identify_membrane(
         gates=gates,
         status=_status(gates),
     )
+
+
+def _model_of(
+    measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate | None
+) -> MembraneSurrogate:
+    """Return the model given, or that of the channel and the view; refuse measurements that it cannot hold."""
+    if not measurements:
+        raise InputError(_HERE, "measurements", "at least one", "none")
+    for measurement in measurements:
+        check_comparable(measurement, measurement.source or "measurement")
+    outline = measurements[0].outline
+    view = MID_PLANE if outline is None else outline.view
+    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
+    for measurement in measurements:
+        check_applies(model, measurement, experiment)
+    return model
+
+
+def _under_each(
+    under: Mapping[str, Unknowns],
+    capsules: Capsules,
+    experiment: Experiment,
+    seed: int,
+    scheduler: str | None,
+    workers: int | None,
+    progress: Callable[[str, int, int], None],
+) -> list[tuple[Sampled, dict[str, Floats]]]:
+    """Sample under each law: in a process each where the capsules are too few to be spread over processes."""
+    few = len(capsules.batch) < _MANY
+    apart = few and len(under) > 1
+    inside = "synchronous" if apart or (few and scheduler is workers is None) else scheduler
+    tasks = [keeping_steps(partial(_assumed, each, inside, workers, seed)) for each in under.values()]
+    done = partial(progress, " and ".join(["membrane unknown", *(["known laws"] if len(under) > 1 else [])]))
+    done(0, len(under))
+    outside = scheduler if apart else "synchronous"
+    return run_tasks(tasks, outside, workers, capsules, experiment, finished=lambda count: done(count, len(under)))
 
 
 def _assumed(
@@ -950,13 +849,7 @@ def unknowns_of(
     experiment: Experiment,
     spreads: tuple[float | None, ...],
 ) -> Unknowns:
-    """Return what is unknown of a membrane that a batch shares.
-
-    Raises
-    ------
-    InputError
-        If the statements of the membrane, of its priors and of the experiment do not go together.
-    """
+    """Return what is unknown of a membrane that a batch shares."""
     for name in ("surface_shear_modulus", "capsule_radius"):
         if getattr(prior, name) != getattr(Prior(), name):
             expected = "none, as the batch tells the mean of its capsules"
@@ -1045,11 +938,9 @@ def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[L
 
 
 def _misfit_gate(batch: Batch, misfit: Floats) -> Gate:
-    """Return the gate on the probability of a larger misfit of all shapes together.
-
-    That of what was measured is compared with that of measurements drawn at the same draws of the posterior, which is
-    chi squared with all the numbers measured: where the model is right, the probability is seldom small.
-    """
+    """Return the gate on the probability of a larger misfit of all shapes together."""
+    # That of what was measured is compared with that of measurements drawn at the same draws of the posterior, which is
+    # chi squared with all the numbers measured: where the model is right, the probability is seldom small.
     square = misfit.sum(axis=1) + batch.left.sum()
     return Gate(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()), least=_LEAST_P)
 

@@ -25,22 +25,18 @@ from capsbayes.status import Status
 #
 # The p-value of a number is the probability that it lies as far out on its side of the distribution that is predicted
 # for it, or on the other side. Each number is predicted from those before it, and from the priors: L_z from the
-# velocity,
-# L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that the
-# p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the
-# prior
-# as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the mean
-# velocity is flat, and nothing before it predicts it. Where the velocity was not measured, the flow rate takes its
+# velocity, L_a from velocity and L_z, the flow rate from all of them. No number is used for its own prediction, so that
+# the p-values are uniform and independent if all is as stated (M. Rosenblatt, Ann. Math. Stat. 23 (1952) 470; with the
+# prior as part of the model: G. E. P. Box, J. R. Stat. Soc. A 143 (1980) 383). The velocity has none: the prior of the
+# mean velocity is flat, and nothing before it predicts it. Where the velocity was not measured, the flow rate takes its
 # place
 
 PREDICTED = ("axial_extent", "axial_length", "flow_rate")
 """Quantities that have a p-value, where they were measured; each is predicted from those before it."""
 
-LEVEL = 1e-3
-"""P-value below which the measurement contradicts the model and the priors."""
+LEVEL = 1e-3  # p-value below which the measurement contradicts the model and the priors
 
-LARGEST_REYNOLDS_NUMBER = 1.0
-"""rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l."""
+LARGEST_REYNOLDS_NUMBER = 1.0  # rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l
 
 _DRAWS = 4000
 
@@ -99,17 +95,15 @@ def _of_lengths(engine: ExactEngine, density: PosteriorDensity) -> dict[str, flo
     width = density.inputs.half_width
     seen = density.likelihood.with_half_width(width.value, width.error)
     differences = np.broadcast_arrays(*seen.differences(model))
-    found = p_values_of_lengths(np.exp(logs - logs.max()), *map(np.ascontiguousarray, differences))
+    found = p_values_of_lengths(np.exp(logs - logs.max()), *differences)
     return {name: p for name, p in zip(PREDICTED, found, strict=False) if np.isfinite(p)}
 
 
 # Share of a posterior next to borders, and the status that follows from that and from its gates
 
-LEANING_SHARE = 0.05
-"""Share of a posterior next to a border from which on it leans on it."""
+LEANING_SHARE = 0.05  # share of a posterior next to a border from which on it leans on it
 
-RANGE = "range of "
-"""How the name of a share next to the ends of a further coordinate's range begins."""
+RANGE = "range of "  # how the name of a share next to the ends of a further coordinate's range begins
 
 _NEGLIGIBLE = 1e-4  # of the largest probability of a node
 _TOLD = 0.5  # of the prior's probability within 68 %: a coordinate of which the data tell less fills its range anyway
@@ -125,15 +119,7 @@ _STATUSES = (
 
 
 def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    """Return the shares of a posterior next to the border of the model, next to the ends of the prior, and at caveats.
-
-    Parameters
-    ----------
-    draws : mapping of arrays
-        Every quantity by name, SI.
-    model : ForwardModel
-    prior : Prior
-    """
+    """Return the shares of a posterior next to the border of the model and the ends of the priors, and at caveats."""
     place = ("capillary_number", "size_ratio")
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(model.coordinates))}
     drawn = {name: np.ravel(draws[name]) for name in (*place, *model.coordinates)}
@@ -165,11 +151,9 @@ def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float
 
 
 def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
-    """Return the share of a posterior within half a standard deviation of the ends of each further coordinate's range.
-
-    Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
-    inflation, is where most membranes are, and none that cuts the posterior.
-    """
+    """Return the share of a posterior within half a standard deviation of the ends of each coordinate's range."""
+    # Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
+    # inflation, is where most membranes are, and none that cuts the posterior.
     shares = {}
     for name, ends in model.coordinates.items():
         known, drawn = prior.uncertain.get(name), np.ravel(draws[name])
@@ -186,33 +170,9 @@ def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prio
 
 
 def leaning(  # type: ignore[no-untyped-def]
-    draws: Mapping[str, Floats],
-    names: Sequence[str],
-    contains,
-    held: Sequence[str] = (),
-    weights: Floats | None = None,
+    draws: Mapping[str, Floats], names: Sequence[str], contains, held: Sequence[str] = (), weights: Floats | None = None
 ) -> float:
-    """Return the share of a posterior within half a standard deviation of a border.
-
-    Parameters
-    ----------
-    draws : mapping of arrays
-        Positive quantities.
-    names : sequence of str
-        Those in which the border lies.
-    contains : callable
-        From one array for each name to the points that are within : bool array.
-    held : sequence of str
-        Further quantities that it takes, which are not moved; the steps are those of the others given these.
-    weights : (n,) array, optional
-        Probabilities of the draws, if these are not equally likely; then nothing is held.
-
-    Returns
-    -------
-    float
-        Share of the draws that some step along a principal axis of their
-        logarithms takes beyond the border.
-    """
+    """Return the share of a posterior within half a standard deviation of a border."""
     logs = np.stack([np.log(np.ravel(draws[name])) for name in names])
     every = slice(None, None, max(1, logs.shape[1] // 4000) if weights is None else 1)
     logs, others = logs[:, every], [np.ravel(draws[name])[every] for name in held]
@@ -243,11 +203,9 @@ def verdict(
     misfits: Sequence[Misfit] = (),
     unresolved: Status = Status.GRID_TOO_COARSE,
 ) -> Status:
-    """Return the status of a posterior: first what makes the intervals wrong, then what makes them those of a border.
-
-    `misfits` are the gates on the measurement, the gravest first; `unresolved` is that of an exact posterior whose own
-    gates failed.
-    """
+    """Return the status of a posterior: what makes the intervals wrong, then what makes them those of a border."""
+    # `misfits` are the gates on the measurement, the gravest first; `unresolved` is that of an exact posterior whose
+    # own gates failed.
     failed = next((misfit.status for misfit in misfits if not misfit.gate.passed), None)
     if failed not in (None, Status.INERTIA):
         return failed
@@ -259,10 +217,8 @@ def verdict(
 
 
 def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat.
-
-    The ends of the ranges of further coordinates are a border of the model where a posterior lies next to several.
-    """
+    """Return the shares of `leanings` next to the border of the model and the prior, and at each kind of caveat."""
+    # The ends of the ranges of further coordinates are a border of the model where a posterior lies next to several.
     of_ranges = sorted((share for name, share in leans.items() if name.startswith(RANGE)), reverse=True)
     of_model = max([leans["model"], *of_ranges[_SEVERAL - 1 : _SEVERAL]])
     of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))

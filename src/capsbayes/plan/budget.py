@@ -160,7 +160,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     forward = posterior.model_of(model, where="error_budget")
     seen, inputs = posterior.measurement, posterior.inputs
     with threadpool_limits(limits=1):
-        engine = exact_engine(forward, posterior.experiment, posterior.prior, outline=seen.outline is not None)
+        engine = exact_engine(forward, posterior.experiment, posterior.prior)
         grid = engine(seen, inputs=inputs)
         shares = {
             name: _with_joint(grid, name, of) for name, of in variance_shares(engine, seen, grid, *QUANTITIES).items()

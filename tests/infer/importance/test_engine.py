@@ -15,6 +15,7 @@ from capsbayes.infer.importance import ImportanceSampling, exact_engine
 from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.show.words.posterior import caveats
 from capsbayes.status import Status
+from capsbayes.surrogate import Surrogate
 
 INPUT_ERRORS = (0.02 / 0.85, 0.01)  # of the viscosity and of the velocity
 TOLD = ("area_dilation_modulus", "strain_hardening")
@@ -219,3 +220,16 @@ def test_intervals_cover_as_often_as_they_say(experiment):
         inside = np.count_nonzero(np.abs(row - 0.5) < 0.34)
         assert stats.binom.cdf(inside, len(row), 0.68) > 1e-3
         assert stats.binom.sf(inside - 1, len(row), 0.68) > 1e-3
+
+
+def test_one_further_coordinate_is_sampled_too_and_the_engines_agree(experiment, capsule):
+    """Of lengths alone chains take no minutes: they are the default, and nothing is said of what to measure next."""
+    model = Surrogate.open("square-pre-inflation")
+    assert isinstance(exact_engine(model, experiment), ImportanceSampling)
+    posterior = identify(capsule, model, experiment, seed=1)
+    assert posterior.engine == "emcee"
+    assert posterior.agreement.passed, str(posterior.agreement)
+    assert list(posterior.marginals)[-1] == "pre_inflation"
+    assert posterior.shares["pre_inflation"] > 0.0
+    assert posterior.log_modulus_sd_if_known is None
+    assert posterior.expected_log_modulus_sds == {}
