@@ -63,20 +63,24 @@ def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
     assert found.experiment.cross_section == "square"
 
 
-def test_a_table_is_read_back(tmp_path):
-    hidden = capsule(9, axial_length=None, axial_length_error=None, flow_rate=None)
-    wanted = Session([*session().measurements, hidden], EXPERIMENT)
-    wanted.write(tmp_path / "set.csv")
-    found = Session.read(tmp_path / "set.csv", EXPERIMENT)
-    assert_same(found, wanted)
-    assert found.measurements[3].axial_length is None
-
-
-def test_a_file_of_outlines_is_read_back(tmp_path):
-    wanted = session(outline=True)
-    wanted.write(tmp_path / "set.nc")
+@pytest.mark.parametrize("name", ["set.csv", "set.nc"])
+def test_a_file_is_read_back_with_the_conditions_of_each_capsule(tmp_path, name):
+    own, outline = {"conditions": {"viscosity": 0.7}}, name.endswith(".nc")
+    each = [capsule(0, outline=outline), capsule(1, outline=outline, **own), capsule(2, outline=outline, **own)]
+    if not outline:
+        each.append(capsule(9, axial_length=None, axial_length_error=None, flow_rate=None))
+    wanted = Session(each, EXPERIMENT)
+    wanted.write(tmp_path / name)
     EXPERIMENT.write(tmp_path / "channel.toml")
-    assert_same(Session.read(tmp_path / "set.nc", tmp_path / "channel.toml"), wanted)
+    for experiment in (EXPERIMENT, tmp_path / "channel.toml"):
+        found = Session.read(tmp_path / name, experiment)
+        assert_same(found, wanted)
+        assert [dict(one.conditions) for one in found.measurements[:3]] == [{}, *2 * [{"viscosity": 0.7}]]
+    with pytest.raises(
+        InputError, match=r"conditions: expected capsules under one experiment.*write a \.csv or a \.nc"
+    ):
+        wanted.write(tmp_path / "folder")
+    assert not (tmp_path / "folder").exists()
 
 
 def test_a_file_of_outlines_may_name_its_experiment(tmp_path):
@@ -182,20 +186,6 @@ def test_capsules_of_different_cross_sections_are_no_set(tmp_path):
     named_by_the_second(tmp_path / "set", replace(EXPERIMENT, cross_section="circular"))
     with pytest.raises(InputError, match=r"other.toml: cross_section: expected 'square' as in .*experiment.toml"):
         Session.read(tmp_path / "set")
-
-
-@pytest.mark.parametrize("name", ["set.csv", "set.nc"])
-def test_conditions_of_each_capsule_are_read_back(tmp_path, name):
-    each = session(outline=name.endswith(".nc")).measurements
-    mixed = Session([each[0], *(replace(one, conditions={"viscosity": 0.7}) for one in each[1:])], EXPERIMENT)
-    mixed.write(tmp_path / name)
-    found = Session.read(tmp_path / name, EXPERIMENT)
-    assert [dict(one.conditions) for one in found.measurements] == [{}, {"viscosity": 0.7}, {"viscosity": 0.7}]
-    with pytest.raises(
-        InputError, match=r"conditions: expected capsules under one experiment.*write a \.csv or a \.nc"
-    ):
-        mixed.write(tmp_path / "folder")
-    assert not (tmp_path / "folder").exists()
 
 
 def test_conditions_may_be_in_micrometres_and_are_checked(tmp_path):
