@@ -13,8 +13,8 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.shared_membrane import unknowns_of
 from capsbayes.measurement import OutlineNoise
 from capsbayes.plan import LabErrors, membrane_flow_design
+from capsbayes.plan.lab import Expectation
 from capsbayes.plan.membrane import PlannedBatch, expected_scores
-from capsbayes.plan.widths import Expectation
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
 
@@ -49,7 +49,7 @@ def batch(square):
 
 def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
     """All unknowns together, with differences of the model to first order: no Schur complement, no arrow."""
-    told = batch.told_by((0, 1), 6)
+    told = batch.expected_from((0, 1), 6)
     seen, own = told.capsules.batch, told.values.own[0]
     n = len(seen)
     spreads = told.unknowns.spreads
@@ -83,14 +83,14 @@ def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
 
 
 def test_capsules_and_flow_rates_tell_more_the_more_they_are(batch):
-    few, many = batch.told_by((1,), 3), batch.told_by((1,), 12)
+    few, many = batch.expected_from((1,), 3), batch.expected_from((1,), 12)
     assert many.log_modulus_variance < 0.9 * few.log_modulus_variance
-    assert batch.told_by((0, 1), 12).log_volume("pre_inflation") < many.log_volume("pre_inflation")
+    assert batch.expected_from((0, 1), 12).log_volume("pre_inflation") < many.log_volume("pre_inflation")
     assert not many.seeks("strain_hardening")
 
 
 def test_the_errors_that_all_share_are_not_averaged_away(batch):
-    variances = [batch.told_by((1,), count).log_modulus_variance for count in (400, 4000)]
+    variances = [batch.expected_from((1,), count).log_modulus_variance for count in (400, 4000)]
     assert variances[1] > ERRORS.flow_rate**2
     assert variances[1] > 0.2 * variances[0]  # a tenth, were all errors those of single capsules
 
