@@ -1,6 +1,7 @@
 """What each effect of the catalogue does, that all keep their promises, and that `check_effect` names a broken one."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -50,11 +51,30 @@ def test_effects_keep_their_promises(name, model):
     check_effect(KNOWN[name], model + KNOWN["halo"] + KNOWN["pixel_scale"])
 
 
-def of_halo(change):
-    """Return the prediction of a halo, then changed."""
-    return lambda self, model, theta, *, outline=False: change(
-        Halo.__call__(self, model, theta, outline=outline), model, theta
-    )
+class Wordless(Halo):
+    changes = ""
+
+
+class Restless(Halo):
+    null_value = 1e-7
+
+
+@dataclass(frozen=True)
+class Changed(Halo):
+    """A halo whose prediction is then changed."""
+
+    change: Callable | None = None
+
+    def __call__(self, model, theta, *, outline=False):
+        return self.change(super().__call__(model, theta, outline=outline), model, theta)
+
+
+def idle(seen, model, theta):
+    return model(theta, outline=True)
+
+
+def boundless(seen, model, theta):
+    return replace(seen, inside=np.ones_like(seen.inside))
 
 
 def first_alike(seen, model, theta):
@@ -71,27 +91,21 @@ def lengths_only(seen, model, theta):
 
 
 @pytest.mark.parametrize(
-    ("members", "promise"),
+    ("effect", "promise"),
     [
-        ({"changes": ""}, "it has a name, sentences"),
-        ({"prior": stats.norm(0.0, 5e-7)}, "prior is a rv_continuous_frozen, not a Quantity"),
-        ({"null_value": 1e-7}, "at its null value it changes nothing"),
-        (lambda seen, model, theta: model(theta, outline=True), "at a typical size it changes something"),
-        (first_alike, "it treats each capsule of a batch by itself"),
-        (meddling, "it changes the arrays that it is given"),
-        (
-            lambda seen, model, theta: replace(seen, inside=np.ones_like(seen.inside)),
-            "outside the domain of the model it has no answer",
-        ),
-        (lengths_only, "it moves the outline as it moves the lengths"),
+        (Wordless(), "it has a name, sentences"),
+        (Halo(stats.norm(0.0, 5e-7)), "prior is a rv_continuous_frozen, not a Quantity"),
+        (Restless(), "at its null value it changes nothing"),
+        (Changed(change=idle), "at a typical size it changes something"),
+        (Changed(change=first_alike), "it treats each capsule of a batch by itself"),
+        (Changed(change=meddling), "it changes the arrays that it is given"),
+        (Changed(change=boundless), "outside the domain of the model it has no answer"),
+        (Changed(Quantity(0.0, 5e-6, "m", low=-np.inf), lengths_only), "it moves the outline as it moves the lengths"),
     ],
 )
-def test_the_broken_promise_is_named(members, promise, model):
-    if callable(members):
-        members = {"__call__": of_halo(members)}
-    prior = members.pop("prior", Quantity(0.0, 5e-6, "m", low=-np.inf))
+def test_the_broken_promise_is_named(effect, promise, model):
     with pytest.raises(BrokenPromiseError, match=promise):
-        check_effect(type("Broken", (Halo,), members)(prior), model)
+        check_effect(effect, model)
 
 
 def test_edges_are_displaced_by_a_halo_everywhere_and_by_blur_along_the_flow_alone(model):
