@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scores import (
     REACH,
     REGIONS,
+    AsVisible,
     Discrepancy,
     Displaced,
     Measured,
@@ -276,15 +277,7 @@ _FEWEST_CAPSULES = 3  # capsules, whose scatter tells the error of their median
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
 
-class Change(Protocol):
-    """What changes G_s: an effect, or something else."""
-
-    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of ln G_s : (count,) array."""
-        ...
-
-
-Explanation = Sequence[Change]
+Explanation = Sequence[Scores | AsVisible | Discrepancy]
 """What acts together; empty for nothing."""
 
 

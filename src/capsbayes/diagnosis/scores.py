@@ -103,9 +103,9 @@ class Discrepancy:
 
     def __add__(self, other: Discrepancy) -> Discrepancy:
         """Return that of the capsules of both."""
-        arrays = ("places", "information", "shift", "response", "own")
-        both = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in arrays)
-        return Discrepancy(*both, self.trend + other.trend)
+        names = ("places", "information", "shift", "response", "own")
+        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return Discrepancy(**arrays, trend=self.trend + other.trend)
 
     @property
     def noise(self) -> float:

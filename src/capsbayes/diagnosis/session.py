@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -180,31 +180,13 @@ class Session:
 _ALL = slice(None)
 
 
-class Whitener(Protocol):
-    """Residuals of one capsule's measurement from predictions."""
-
-    @property
-    def placed(self) -> int:
-        """Number of measured values that determine its place in the picture."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number m of residuals."""
-        ...
-
-    def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class OfLengths:
     """Measured lengths (1,) or (2,) and their covariance, the model's own error included."""
 
     lengths: Floats
     covariance: Floats
-    placed: ClassVar[int] = 0
+    placed: ClassVar[int] = 0  # measured values that determine its place in the picture
 
     @classmethod
     def of(cls, measurement: Measurement, own: Floats) -> OfLengths:
@@ -214,11 +196,11 @@ class OfLengths:
 
     @property
     def count(self) -> int:
-        """See `Whitener`."""
+        """Number m of residuals."""
         return len(self.lengths)
 
     def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """See `Whitener`."""
+        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         lengths = np.stack([prediction.axial_extent[rows], prediction.axial_length[rows]], axis=1)
         away = np.where(prediction.inside[rows, None], self.lengths - lengths[:, : len(self.lengths)], np.nan)
         extent, variance = away[:, 0], self.covariance[0, 0]
@@ -239,11 +221,11 @@ class OfOutline:
 
     @property
     def count(self) -> int:
-        """See `Whitener`."""
+        """Number m of residuals."""
         return len(self.likelihood.points) + (self.likelihood.length is not None)
 
     def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """See `Whitener`."""
+        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         assert prediction.outline is not None, "asked for"
         outlines = np.where(prediction.inside[rows, None, None], prediction.outline[rows], np.nan)
         return self.likelihood.whitened(outlines, prediction.axial_length[rows], posed=True)
@@ -262,7 +244,7 @@ class OfOutline:
 class Whitening:
     """Whitener of each capsule, and the point at which it was made."""
 
-    each: tuple[Whitener, ...]
+    each: tuple[OfLengths | OfOutline, ...]
     pilots: Floats  # (n, 2): ln Ca and a/l
     outline: bool  # whether any of them reads outlines
     further: float = 0.0  # standard deviation [l] that was added to the noise of each outline
@@ -276,7 +258,7 @@ def whitened_at(
     # the noise of outlines.
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
-    each: list[Whitener] = []
+    each: list[OfLengths | OfOutline] = []
     for i, measurement in enumerate(session.measurements):
         if measurement.outline is None:
             each.append(OfLengths.of(measurement, own[i]))

@@ -273,8 +273,9 @@ def _log_medians(posterior: ExactPosterior) -> dict[str, float]:
 
 
 def _moved(measurement: Measurement, inputs: Inputs, name: str, value: float) -> tuple[Measurement, Inputs]:
+    change: dict[str, Any] = {name: value}
     if name.startswith("axial"):
-        return replace(measurement, **{name: value}), inputs
+        return replace(measurement, **change), inputs
     return measurement, replace(inputs, **{name: getattr(inputs, name).rescaled(value)})
 
 

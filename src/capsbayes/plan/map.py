@@ -91,7 +91,9 @@ def identifiability_map(
     row, column = np.nonzero(inside)
     caveats = model.caveats({"capillary_number": ca[column], "size_ratio": size[row]})
     two[row, column] = caveats.get(TWO_SHAPES, np.zeros(len(row), dtype=bool))
-    variables = {name: (values[field], meaning) for field, (name, meaning) in _MEANINGS.items()}
+    variables: dict[str, tuple[np.ndarray, str]] = {
+        name: (values[field], meaning) for field, (name, meaning) in _MEANINGS.items()
+    }
     variables["two_shapes"] = two, "1 where two steady shapes are stable"
     return plane_dataset(model, ca, size, variables, lab_attributes(model, experiment, errors) | {"noises": noises})
 
