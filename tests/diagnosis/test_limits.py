@@ -57,17 +57,22 @@ def test_the_session_modulus_holds_size_effect_and_viscosity():
     assert np.isnan(session_modulus([(1.0, ())], np.full(3, np.nan), 0.0, 1).median)
 
 
-def test_what_could_hide_is_limited_by_the_capsules():
+def test_what_could_hide_is_limited_by_the_capsules_and_by_what_was_measured_elsewhere():
     model = Surrogate.open("square-neo-hookean")
     session, _ = drawn_session(model, 14, seed=4, outline=True)
-    candidates = {each.parameter.name: each for each in (Halo(), ViscosityError())}
     white = whitening(model, session)
-    found = limits_table(limit_scores(model, candidates, session, white, fitted(model, session, white), {}))
-    assert list(found.index) == ["halo"]
-    low, high = found.loc["halo", "low"], found.loc["halo", "high"]
-    assert -5e-7 < low < 0.0 < high < 5e-7
-    assert found.loc["halo", "modulus_at_low"] > 1.0 > found.loc["halo", "modulus_at_high"]
-    assert not found.loc["halo", "unbounded"]
+    candidates = {each.parameter.name: each for each in (Halo(), ViscosityError())}
+    made = (model, candidates, session, white, fitted(model, session, white))
+    scores = limit_scores(*made, {})
+    table = limits_table(scores)
+    assert list(table.index) == ["halo"]
+    row = table.loc["halo"]
+    assert -5e-7 < row["low"] < 0.0 < row["high"] < 5e-7
+    assert row["modulus_at_low"] > 1.0 > row["modulus_at_high"]
+    assert not row["unbounded"]
+    bead = limit_scores(*made, {"halo": (0.0, 2e-8)})["halo"].interval(TWO_SIGMA)
+    assert np.ptp(bead) < 0.5 * np.ptp(scores["halo"].interval(TWO_SIGMA))
+    assert bead[0] < 0.0 < bead[1]
 
 
 def test_changes_of_the_modulus_are_counted_from_the_null_value_or_from_what_is_given():
@@ -76,14 +81,3 @@ def test_changes_of_the_modulus_are_counted_from_the_null_value_or_from_what_is_
     assert scores.log_modulus_change([0.1, 0.4, 0.9]) == pytest.approx([-0.2, -0.8, -0.8])
     assert replace(scores, without=0.1).log_modulus_change([0.1]) == pytest.approx(-0.2 + np.log(0.5))
     assert np.isnan(replace(scores, modulus=np.full(5, np.nan)).log_modulus_change([0.1])).all()
-
-
-def test_what_was_measured_elsewhere_limits_what_could_hide():
-    model = Surrogate.open("square-neo-hookean")
-    session, _ = drawn_session(model, 14, seed=4, outline=True)
-    white = whitening(model, session)
-    made = (model, {"halo": Halo()}, session, white, fitted(model, session, white))
-    free = limit_scores(*made, {})["halo"].interval(TWO_SIGMA)
-    bead = limit_scores(*made, {"halo": (0.0, 2e-8)})["halo"].interval(TWO_SIGMA)
-    assert np.ptp(bead) < 0.5 * np.ptp(free)
-    assert bead[0] < 0.0 < bead[1]

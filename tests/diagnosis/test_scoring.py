@@ -68,10 +68,18 @@ def test_the_population_is_the_likeliest():
         assert likelihood(people.mean + mean, people.spread + spread) < best
 
 
-def test_values_that_agree_within_their_errors_have_no_spread():
-    people = population(np.array([1.0, 1.1, 0.9]), np.full(3, 0.04))
-    assert people.spread == 0.0
-    assert people.mean == pytest.approx(1.0)
+@pytest.mark.parametrize(
+    ("values", "variances", "mean", "spread"),
+    [
+        ([1.0, 1.1, 0.9], 0.04, 1.0, 0.0),
+        ([1.0, 1.3], [0.01, 0.04], (4.0 * 1.0 + 1.0 * 1.3) / 5.0, 0.0),  # better known values count more
+        ([-2.0, -1.0, 0.0, 1.0, 2.0], 1e-6, 0.0, np.sqrt(2.0)),  # unlike by far
+    ],
+)
+def test_a_population_has_the_spread_that_its_errors_do_not_explain(values, variances, mean, spread):
+    people = population(np.array(values), np.broadcast_to(variances, len(values)))
+    assert people.mean == pytest.approx(mean, abs=1e-9)
+    assert people.spread == pytest.approx(spread, rel=1e-3, abs=0.0)
 
 
 def test_a_capsule_without_a_shape_is_less_likely_than_any_other():
@@ -110,19 +118,6 @@ def test_an_independent_measurement_is_a_normal_likelihood():
     assert log_of_measured(0.03, None) == 0.0
     assert log_of_measured(0.03, (0.02, 0.005)) == pytest.approx(-2.0)
     assert log_of_measured(0.01, (0.02, 0.005)) == pytest.approx(-2.0)
-
-
-def test_what_is_unlike_by_far_has_its_whole_spread():
-    values = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-    people = population(values, np.full(5, 1e-6))
-    assert people.mean == pytest.approx(0.0, abs=1e-9)
-    assert people.spread == pytest.approx(np.sqrt(2.0), rel=1e-3)
-
-
-def test_better_known_values_count_more():
-    people = population(np.array([1.0, 1.3]), np.array([0.01, 0.04]))
-    assert people.spread == 0.0
-    assert people.mean == pytest.approx((4.0 * 1.0 + 1.0 * 1.3) / 5.0)
 
 
 def test_the_size_and_its_interval_are_said_in_the_unit_of_the_parameter(scores):

@@ -18,12 +18,8 @@ from capsbayes.measurement_sets import measurement_files
 from capsbayes.quantity import Quantity
 
 NUMBERS = (
-    "axial_extent",
-    "axial_extent_error",
-    "capsule_velocity",
-    "capsule_velocity_error",
-    "axial_length",
-    "flow_rate",
+    *("axial_extent", "axial_extent_error", "capsule_velocity", "capsule_velocity_error"),
+    *("axial_length", "flow_rate"),
 )
 
 
@@ -63,20 +59,22 @@ def test_a_folder_is_read_back_with_its_experiment(tmp_path, outline):
     assert found.experiment.cross_section == "square"
 
 
-def test_a_table_is_read_back(tmp_path):
-    hidden = capsule(9, axial_length=None, axial_length_error=None, flow_rate=None)
-    wanted = Session([*session().measurements, hidden], EXPERIMENT)
-    wanted.write(tmp_path / "set.csv")
-    found = Session.read(tmp_path / "set.csv", EXPERIMENT)
-    assert_same(found, wanted)
-    assert found.measurements[3].axial_length is None
-
-
-def test_a_file_of_outlines_is_read_back(tmp_path):
-    wanted = session(outline=True)
-    wanted.write(tmp_path / "set.nc")
+@pytest.mark.parametrize("name", ["set.csv", "set.nc"])
+def test_a_file_is_read_back_with_the_conditions_of_each_capsule(tmp_path, name):
+    own, outline = {"conditions": {"viscosity": 0.7}}, name.endswith(".nc")
+    each = [capsule(0, outline=outline), capsule(1, outline=outline, **own), capsule(2, outline=outline, **own)]
+    if not outline:
+        each.append(capsule(9, axial_length=None, axial_length_error=None, flow_rate=None))
+    wanted = Session(each, EXPERIMENT)
+    wanted.write(tmp_path / name)
     EXPERIMENT.write(tmp_path / "channel.toml")
-    assert_same(Session.read(tmp_path / "set.nc", tmp_path / "channel.toml"), wanted)
+    for experiment in (EXPERIMENT, tmp_path / "channel.toml"):
+        found = Session.read(tmp_path / name, experiment)
+        assert_same(found, wanted)
+        assert [dict(one.conditions) for one in found.measurements[:3]] == [{}, *2 * [{"viscosity": 0.7}]]
+    with pytest.raises(InputError, match=r"expected capsules under one experiment.*write a \.csv or a \.nc"):
+        wanted.write(tmp_path / "folder")
+    assert not (tmp_path / "folder").exists()
 
 
 def test_a_file_of_outlines_may_name_its_experiment(tmp_path):
@@ -117,12 +115,8 @@ def test_folders_of_several_films_are_one_set(tmp_path):
         (tmp_path / place).mkdir(parents=True)
         written.append(replace(capsule(number), experiment_file=tmp_path / "channel.toml"))
         written[-1].write(tmp_path / place / "measurement.toml")
-    assert [path.parent.name for path in measurement_files(tmp_path)] == [
-        "event-7",
-        "capsule-1",
-        "capsule-2",
-        "capsule-1",
-    ]
+    folders = [path.parent.name for path in measurement_files(tmp_path)]
+    assert folders == ["event-7", "capsule-1", "capsule-2", "capsule-1"]
     assert capsule_files(tmp_path) == measurement_files(tmp_path)
     found = Session.read(tmp_path).measurements
     assert sorted(one.axial_extent for one in found) == sorted(one.axial_extent for one in written)
@@ -172,9 +166,7 @@ def test_each_capsule_of_a_folder_may_name_its_own_experiment(tmp_path):
     np.testing.assert_allclose(found.circumstances["half_width"], [25e-6, 30e-6, 25e-6], rtol=1e-6)
     assert Session.read(folder, folder / "other.toml").mean("viscosity") == 0.5
     second.write_text(second.read_text().replace('experiment = "other.toml"', ""))
-    with pytest.raises(
-        InputError, match=r"capsule-002.toml: experiment: expected the name of a file, got nothing; give"
-    ):
+    with pytest.raises(InputError, match=r"capsule-002.toml: experiment: expected the name of a file, got nothing"):
         Session.read(folder)
 
 
@@ -182,20 +174,6 @@ def test_capsules_of_different_cross_sections_are_no_set(tmp_path):
     named_by_the_second(tmp_path / "set", replace(EXPERIMENT, cross_section="circular"))
     with pytest.raises(InputError, match=r"other.toml: cross_section: expected 'square' as in .*experiment.toml"):
         Session.read(tmp_path / "set")
-
-
-@pytest.mark.parametrize("name", ["set.csv", "set.nc"])
-def test_conditions_of_each_capsule_are_read_back(tmp_path, name):
-    each = session(outline=name.endswith(".nc")).measurements
-    mixed = Session([each[0], *(replace(one, conditions={"viscosity": 0.7}) for one in each[1:])], EXPERIMENT)
-    mixed.write(tmp_path / name)
-    found = Session.read(tmp_path / name, EXPERIMENT)
-    assert [dict(one.conditions) for one in found.measurements] == [{}, {"viscosity": 0.7}, {"viscosity": 0.7}]
-    with pytest.raises(
-        InputError, match=r"conditions: expected capsules under one experiment.*write a \.csv or a \.nc"
-    ):
-        mixed.write(tmp_path / "folder")
-    assert not (tmp_path / "folder").exists()
 
 
 def test_conditions_may_be_in_micrometres_and_are_checked(tmp_path):
@@ -219,7 +197,7 @@ WITHOUT_EXTENT = TABLE.replace("axial_extent_over_l,", "").replace("2.1,", "")
     [
         (
             ("axial_extent_over_l", "axial_extent_um"),
-            "set.csv: axial_extent_um: expected a column of a table of lengths, got an unknown one; did you mean",
+            "set.csv: axial_extent_um: expected a column of a table of lengths",
         ),
         ((TABLE, WITHOUT_EXTENT), "set.csv: axial_extent_over_l: expected a column of this name, got only"),
         (("2.1,", "long,"), "capsule 1: axial_extent_over_l: expected a number, got 'long'"),
@@ -239,18 +217,12 @@ def test_a_wrong_table_is_one_line(tmp_path, change, message):
     ("change", "message"),
     [
         (lambda one: one.drop_vars("noise_scale"), "set.nc: noise_scale: expected a variable (capsule) in l, got noth"),
-        (
-            lambda one: one.rename(point="place"),
-            "set.nc: outline: expected a variable (capsule, point, axis) in l, got",
-        ),
+        (lambda one: one.rename(point="place"), "set.nc: outline: expected a variable (capsule, point, axis) in l"),
         (
             lambda one: one.assign(capsule_velocity=one.capsule_velocity.assign_attrs(units="mm/s")),
             "set.nc: capsule_velocity: expected a variable (capsule) in m/s, got one in mm/s; convert it",
         ),
-        (
-            lambda one: one.assign(noise_scale=-one.noise_scale),
-            "set.nc: capsule 1: scale: expected a positive number up to 1000, got -0.01",
-        ),
+        (lambda one: one.assign(noise_scale=-one.noise_scale), "set.nc: capsule 1: scale: expected a positive number"),
     ],
 )
 def test_a_wrong_file_of_outlines_is_one_line(tmp_path, change, message):
@@ -263,7 +235,7 @@ def test_a_wrong_file_of_outlines_is_one_line(tmp_path, change, message):
 
 def test_what_is_no_set_is_said(tmp_path):
     with pytest.raises(
-        InputError, match=r"expected a folder of measurement files, a \.csv or \.xlsx table or a \.nc file, got noth"
+        InputError, match=r"expected a folder of measurement files, a \.csv or .* a \.nc file, got noth"
     ):
         Session.read(tmp_path / "missing")
     (tmp_path / "one.toml").write_text("")

@@ -1,5 +1,6 @@
 """Which effects stay in question once the second half has been looked at."""
 
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -61,6 +62,14 @@ def test_effects_in_question_are_alike_in_both_halves_and_leave_nothing_over(fir
     assert _in_question(step, second) == left
 
 
+def held_out(gained, of_something_else, ahead_before, established):
+    """Verification by twenty capsules that gain so much together."""
+    ratios = np.full(20, gained / 20)
+    numbers = {"of_something_else": of_something_else, "ahead_before": ahead_before, "established": (established,)}
+    nothing = dict.fromkeys(field.name for field in fields(Verification))
+    return Verification(**nothing | {"log_likelihood_ratios": ratios} | numbers)
+
+
 @pytest.mark.parametrize(
     ("gained", "of_something_else", "ahead_before", "established", "beats"),
     [
@@ -72,15 +81,7 @@ def test_effects_in_question_are_alike_in_both_halves_and_leave_nothing_over(fir
     ],
 )
 def test_an_effect_must_not_lose_against_something_else(gained, of_something_else, ahead_before, established, beats):
-    verification = object.__new__(Verification)
-    for name, value in {
-        "log_likelihood_ratios": np.full(20, gained / 20),
-        "of_something_else": of_something_else,
-        "ahead_before": ahead_before,
-        "established": (established,),
-    }.items():
-        object.__setattr__(verification, name, value)
-    assert verification.beats_something_else == beats
+    assert held_out(gained, of_something_else, ahead_before, established).beats_something_else == beats
 
 
 @pytest.mark.parametrize(
@@ -88,12 +89,4 @@ def test_an_effect_must_not_lose_against_something_else(gained, of_something_els
     [(3.0, 4.0, False, True), (3.0, 6.0, False, False), (3.0, 4.0, True, False)],
 )
 def test_something_else_is_in_question_until_both_halves_rule_it_out(ahead, before, established, in_question):
-    verification = object.__new__(Verification)
-    for name, value in {
-        "log_likelihood_ratios": np.full(20, ahead / 20),
-        "of_something_else": 0.0,
-        "ahead_before": before,
-        "established": (established,),
-    }.items():
-        object.__setattr__(verification, name, value)
-    assert verification.something_else_in_question is in_question
+    assert held_out(ahead, 0.0, before, established).something_else_in_question is in_question

@@ -110,3 +110,15 @@ def test_a_size_that_the_model_has_not_is_refused(known, errors, shipped):
 def test_the_flow_rate_is_that_of_the_section():
     assert flow_rate(2e-3, 25e-6, "square") == pytest.approx(2e-3 * 50e-6**2)
     assert flow_rate(2e-3, 25e-6, "circular") == pytest.approx(2e-3 * np.pi * 25e-6**2)
+
+
+def test_errors_of_a_lab_are_those_of_a_capsule(capsule):
+    errors = LabErrors.of(capsule)
+    assert (errors.axial_extent, errors.axial_length, errors.capsule_velocity) == pytest.approx((0.01, 0.01, 0.01))
+    seen = errors.measured([2.0, 2.01], 4e-3)
+    assert (seen.axial_length, seen.capsule_velocity_error) == pytest.approx((2.0, 4e-5))
+
+
+def test_an_error_of_nothing_is_refused():
+    with pytest.raises(InputError, match="errors: capsule_velocity: expected a positive finite standard error"):
+        LabErrors(axial_extent=0.02, axial_length=None, capsule_velocity=0.0)

@@ -10,7 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer.posterior import deterministic_answer
 from capsbayes.infer.prior import Inputs
 from capsbayes.plan import error_budget, sobol_indices, varied_range
-from capsbayes.plan.map import ANSWERS, Answerer
+from capsbayes.plan.sobol import ANSWERS, Answerer
 from capsbayes.status import Status
 
 
@@ -21,7 +21,7 @@ def study(capsule, shipped, experiment):
 
 def test_an_answer_is_the_deterministic_one(capsule, shipped, experiment):
     inputs = Inputs.of(capsule, experiment)
-    answers, outside = Answerer.of(shipped, capsule, inputs, {})({"viscosity": np.array([0.85, 1.7])})
+    answers, outside = Answerer(shipped, capsule, inputs, {})({"viscosity": np.array([0.85, 1.7])})
     expected = deterministic_answer(capsule, shipped, inputs).as_dict()
     for name in ANSWERS:
         assert answers[name][0] == pytest.approx(expected[name]), name
@@ -38,7 +38,7 @@ def test_the_flow_rate_takes_the_place_of_the_velocity(capsule, shipped, experim
     }
     seen = replace(capsule, **rate)
     inputs = Inputs.of(seen, experiment)
-    answers, _ = Answerer.of(shipped, seen, inputs, {})({"flow_rate": np.array([1.2e-11, 2.4e-11])})
+    answers, _ = Answerer(shipped, seen, inputs, {})({"flow_rate": np.array([1.2e-11, 2.4e-11])})
     expected = deterministic_answer(seen, shipped, inputs).as_dict()
     assert answers["surface_shear_modulus"] == pytest.approx(expected["surface_shear_modulus"] * np.array([1.0, 2.0]))
     assert "flow_rate" in sobol_indices(seen, shipped, experiment, seed=1, samples=8).ranges
@@ -46,7 +46,7 @@ def test_the_flow_rate_takes_the_place_of_the_velocity(capsule, shipped, experim
 
 def test_lengths_without_a_shape_get_the_answer_of_the_nearest(capsule, shipped, experiment):
     inputs = Inputs.of(capsule, experiment)
-    answerer = Answerer.of(shipped, capsule, inputs, {"axial_extent": 0.02, "axial_length": 0.02})
+    answerer = Answerer(shipped, capsule, inputs, {"axial_extent": 0.02, "axial_length": 0.02})
     answers, outside = answerer({"axial_length": np.array([1.81, 2.3, 0.9])})
     assert outside.tolist() == [False, True, True]
     assert shipped.domain.contains(answers["capillary_number"], answers["size_ratio"]).all()

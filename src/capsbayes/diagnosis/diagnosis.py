@@ -23,8 +23,8 @@ from capsbayes.diagnosis.finding import (
     find,
     limit_scores,
     limits_table,
+    own_size_error,
     session_modulus,
-    with_own_error,
 )
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scores import Measured, Scores, Trial, whitening
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     from capsbayes.infer.population import Population
 
 
-# Diagnosis of a model on a session of capsules: find, name, add, verify.
-#
 # The capsules are divided before anything is compared. The first half shows whether they disagree with the model, and
 # which effects would explain that; the second half is held out and shows whether the model with the effect predicts it
 # better
@@ -255,10 +253,10 @@ class Study(Readable):
             before = [step.best for step in settled]
             most = max(last.scores[name].evidence for name in last.in_question)
             alike = [last.scores[name] for name in last.in_question]
-            found = [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
+            either = [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
             if self.verification is not None and self.verification.something_else_in_question:
-                found.append((float(np.exp(-max(self.verification.ahead_by_both, 0.0))), (self.finding.discrepancy,)))
-            return found
+                either.append((float(np.exp(-max(self.verification.ahead_by_both, 0.0))), (self.finding.discrepancy,)))
+            return either
         if self.verdict is Verdict.NONE:
             something_else = self._whole_finding.discrepancy
             logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
@@ -307,9 +305,8 @@ class Study(Readable):
     def table(self) -> pd.DataFrame:
         """Return a row for each candidate, the likeliest first, indexed by the name of its parameter.
 
-        Columns: ``effect``, ``kind``, ``log_evidence`` and ``log_likelihood_ratio`` (relative to no effect), ``size``
-        and its 68 % interval ``low``, ``high`` [``unit``], ``surface_shear_modulus`` (median of the capsules [N/m]),
-        ``may_explain``, ``changes``, ``separated_by``.
+        Logarithms are relative to no effect, `low` and `high` are the 68 % interval of the size [``unit``], and
+        ``surface_shear_modulus`` is the median of the capsules [N/m].
         """
         explained = self.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
         rows = {
@@ -394,10 +391,7 @@ def diagnose(
     """
     session = Session.of(session)
     model.check_experiment(session.experiment)
-    if earlier is not None:
-        same = earlier.session is session and earlier.tested_model.sha256 == model.sha256 and earlier.seed == seed
-        if not same:
-            raise ValueError("earlier: expected a study of the same session and model with the same seed")
+    _check_earlier(earlier, session, model, seed)
     asked = catalogue(session.experiment.cross_section) if candidates is None else candidates
     effects = {
         name: effect for name, effect in asked.items() if session.circumstances.keys() >= {*effect.circumstances}
@@ -423,32 +417,52 @@ def diagnose(
         quickly = limit_scores(model, effects, first, white, fits, known)
         if not _clearly_likelier(evidences(quickly, finding)):
             return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})._judged_by_all()
-    trials = {} if earlier is None else earlier.trials
-    search = Search(model, effects, first, white, seed, known, report, trials)
+    search = Search(model, effects, first, white, seed, known, report, {} if earlier is None else earlier.trials)
     steps, explained, trials = searched(search, fits)
-    evidence = evidences({name: trial.scores for name, trial in trials.items()}, finding)
-    made = partial(made, evidence=evidence, trials=trials)
     report("the held-out capsules")
+    evidence = evidences({name: trial.scores for name, trial in trials.items()}, finding)
+    made = partial(made, evidence=evidence, trials=trials, model=model, sizes={})
+    checked = partial(verified, model, confirm=confirm, seed=seed, measured=known, first=finding, level=level)
+    return _confirmed(made, search, steps, checked, finding, confirm, explained=explained)
+
+
+def _confirmed(
+    made: Callable[..., Study],
+    search: Search,
+    steps: tuple[Step, ...],
+    checked: Checked,
+    finding: Finding,
+    confirm: Session,
+    *,
+    explained: bool,
+) -> Study:
+    """Return the study once the held-out capsules have judged the steps, which the first half may have explained."""
     verification = None
     if steps[0].in_question:
-        checked = partial(verified, model, confirm=confirm, seed=seed, measured=known, first=finding, level=level)
         steps, verification = checked(steps)
         if explained and len(steps) == 1 and not verification.leaves_nothing:
             steps, verification = _with_a_second(search, steps, verification, checked)
-    made = partial(made, model=model, sizes={})
-    if verification is None or not (explained and verification.holds and _likely(steps, evidence)):
-        second = find(model, confirm, seed=seed) if verification is None else verification.before
-        if not _seen_again(finding, second, level):
-            return made(Verdict.NONE, steps=(), verification=None, second_finding=second)._judged_by_all()
-        return made(Verdict.UNKNOWN, steps=steps, verification=verification)
-    steps = _with_own_errors(steps, first)
+    study = made(Verdict.UNKNOWN, steps=steps, verification=verification)
+    if verification is None or not (explained and verification.holds and _likely(steps, study.evidence)):
+        second = find(search.model, confirm, seed=search.seed) if verification is None else verification.before
+        if _seen_again(finding, second, study.level):
+            return study
+        return made(Verdict.NONE, steps=(), verification=None, second_finding=second)._judged_by_all()
+    steps = _with_own_errors(steps, search.session)
     made = partial(made, steps=steps, verification=verification)
     if verification.something_else_in_question or any(len(step.in_question) > 1 for step in steps):
         return made(Verdict.AMBIGUOUS)
-    extended: ForwardModel = model
+    extended = search.model
     for step in steps:
         extended = extended + step.best.effect
     return made(Verdict.NAMED, model=extended, sizes={step.in_question[0]: step.best.size for step in steps})
+
+
+def _check_earlier(earlier: Study | None, session: Session, model: ForwardModel, seed: int) -> None:
+    """Refuse an earlier study of another session or model, or one whose capsules were divided with another seed."""
+    asked = session, model.sha256, seed
+    if earlier is not None and (earlier.session, earlier.tested_model.sha256, earlier.seed) != asked:
+        raise ValueError("earlier: expected a study of the same session and model with the same seed")
 
 
 def _check_shapes(model: ForwardModel, fits: Fits) -> None:
@@ -473,14 +487,13 @@ def _with_a_second(
 
 def _with_own_errors(steps: tuple[Step, ...], session: Session) -> tuple[Step, ...]:
     """Give the sizes of the effects in question the error that the model's own error makes."""
+
+    def with_own_error(step: Step, name: str) -> Scores:
+        scores = step.scores[name]
+        return replace(scores, own_error=own_size_error(step.models[name], scores, session))
+
     return tuple(
-        replace(
-            step,
-            scores={
-                **step.scores,
-                **{name: with_own_error(step.models[name], step.scores[name], session) for name in step.in_question},
-            },
-        )
+        replace(step, scores={**step.scores, **{name: with_own_error(step, name) for name in step.in_question}})
         for step in steps
     )
 
@@ -519,7 +532,7 @@ class _Progress:
 
 def summary(study: Study) -> dict[str, Any]:
     """Return the results of a diagnosis, ready for JSON: in SI, effects in their unit, None for no number."""
-    model = study.tested_model
+    model, modulus = study.tested_model, study.surface_shear_modulus
     return {
         "verdict": study.verdict.name,
         "sentence": str(study),
@@ -531,7 +544,10 @@ def summary(study: Study) -> dict[str, Any]:
         "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
         "log_evidence": dict(study.evidence),
         "probabilities": dict(study.all_probabilities),
-        "surface_shear_modulus": _session(study),
+        "surface_shear_modulus": {
+            "median": _number(modulus.median),
+            "interval_95": [_number(modulus.low), _number(modulus.high)],
+        },
         "limits_95": _records(study.limits, "parameter"),
         "candidates": _candidates(study),
         "held_out": None if study.verification is None else _verification(study.verification),
@@ -547,11 +563,6 @@ def summary(study: Study) -> dict[str, Any]:
         "level": study.level,
         "version": capsbayes.__version__,
     }
-
-
-def _session(study: Study) -> dict[str, Any]:
-    found = study.surface_shear_modulus
-    return {"median": _number(found.median), "interval_95": [_number(found.low), _number(found.high)]}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scores import (
     REACH,
     REGIONS,
+    AsVisible,
     Discrepancy,
     Displaced,
     Measured,
@@ -28,11 +29,10 @@ from capsbayes.diagnosis.scores import (
 from capsbayes.diagnosis.session import OfOutline, Session, Whitening
 from capsbayes.model import Effect, FixedParameters, ForwardModel, Unseen
 
-# Joint estimate of two effects: the likeliest sizes of both, and the profile likelihood of each.
-#
-# The log likelihood of both sizes is climbed by parabolas through six points, from the likeliest of a few starts: where
-# one effect absorbs most of the other, both may be far from the sizes found one after the other. Through the top runs,
-# for each of the effects, the line on which the other has its likeliest size; along these lines both are scored
+# Joint estimate of two effects. The log likelihood of both sizes is climbed by parabolas through six points, from the
+# likeliest of a few starts: where one effect absorbs most of the other, both may be far from the sizes found one after
+# the other. Through the top runs, for each of the effects, the line on which the other has its likeliest size; along
+# these lines both are scored
 
 _DESIGN = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0)])
 _APART = 1.5  # of these points, in standard errors of one size at a fixed other
@@ -146,25 +146,17 @@ class _Pair:
         slope = top.covariance[which, other] / top.covariance[which, which]
         null = self.scores[which].effect.null_value
         rows: dict[float, tuple[Outcome, float]] = {}
+        sizes = np.array(top.sizes)
         for sigma in _SIGMAS:
-            sizes = np.array(top.sizes)
-            sizes[which] = np.clip(sizes[which] + sigma * error, self.low[which], self.high[which])
-            sizes[other] = np.clip(
-                sizes[other] + slope * (sizes[which] - top.sizes[which]), self.low[other], self.high[other]
-            )
+            sizes[which] = np.clip(top.sizes[which] + sigma * error, self.low[which], self.high[which])
+            along = top.sizes[other] + slope * (sizes[which] - top.sizes[which])
+            sizes[other] = np.clip(along, self.low[other], self.high[other])
             rows[float(sizes[which])] = self(sizes), self._elsewhere(sizes)
-        at_null = np.empty(2)
-        at_null[which], at_null[other] = null, other_without
-        rows[null] = without, self._elsewhere(at_null)
-        sizes = np.array(sorted(rows))
-        tried, elsewhere = zip(*(rows[size] for size in sizes), strict=True)
-        return Scores(
-            self.scores[which].effect,
-            sizes,
-            np.array([outcome.log_likelihood for outcome in tried]),
-            np.array(elsewhere),
-            np.array([outcome.modulus for outcome in tried]),
-        )
+        sizes[which], sizes[other] = null, other_without
+        rows[null] = without, self._elsewhere(sizes)
+        tried = sorted(rows)
+        outcomes, elsewhere = zip(*(rows[size] for size in tried), strict=True)
+        return Scores.of(self.scores[which].effect, tried, outcomes, elsewhere)
 
     def _elsewhere(self, sizes: Floats) -> float:
         return sum(
@@ -184,11 +176,6 @@ def _parabola(totals: Floats) -> tuple[Floats, Floats]:
 # Error of an effect's size by the model's own error, which all capsules of a session share
 
 _STEP = 0.5  # of the half width of the 68 % interval
-
-
-def with_own_error(model: ForwardModel, scores: Scores, session: Session) -> Scores:
-    """Return the scores of an effect, added to a model, with the error of its size due to the model's own error."""
-    return replace(scores, own_error=own_size_error(model, scores, session))
 
 
 def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> float:
@@ -290,15 +277,7 @@ _FEWEST_CAPSULES = 3  # capsules, whose scatter tells the error of their median
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
 
-class Change(Protocol):
-    """What changes G_s: an effect, or something else."""
-
-    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of ln G_s : (count,) array."""
-        ...
-
-
-Explanation = Sequence[Change]
+Explanation = Sequence[Scores | AsVisible | Discrepancy]
 """What acts together; empty for nothing."""
 
 
@@ -339,19 +318,13 @@ def session_modulus(
     return SessionModulus(float(median), float(low), float(high))
 
 
-# Deviations from a model that all capsules of a session have in common after each was fitted.
-#
-# A deviation is an amplitude that the capsules have in common: of a displacement
-# of one region of the outline, after the best Ca and a/l of each capsule have
-# absorbed what they can, or of a trend of the apparent shear modulus with velocity
-# or size. Each capsule contributes one number. Their scatter, not the stated noise,
-# says how surprising their sum is, so that noise that is correlated along the
-# outline, heavy-tailed or wrongly stated makes no claims; and since under a right
-# model each contribution is as likely positive as negative, changing their signs
-# at random gives the distribution of the largest of all deviations.
-#
-# The model's own error is not independent from capsule to capsule. It is taken as
-# common to all of them, in the direction that hurts most
+# A deviation is an amplitude that the capsules have in common: of a displacement of one region of the outline, after
+# the best Ca and a/l of each capsule have absorbed what they can, or of a trend of the apparent shear modulus with
+# velocity or size. Each capsule contributes one number. Their scatter, not the stated noise, says how surprising their
+# sum is, so that noise that is correlated along the outline, heavy-tailed or wrongly stated makes no claims; and since
+# under a right model each contribution is as likely positive as negative, changing their signs at random gives the
+# distribution of the largest of all deviations. The model's own error is taken as common to all capsules, in the
+# direction that hurts most
 
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
@@ -363,24 +336,13 @@ TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s wi
 
 @dataclass(frozen=True)
 class Deviation:
-    """Deviation from the model that the capsules have in common.
+    """Deviation from the model that the capsules have in common."""
 
-    Parameters
-    ----------
-    name : str
-        A region of the outline, or a trend.
-    size, error : float
-        Amplitude and its standard error [unit].
-    unit : str
-    p_value : float
-        Probability that under a right model the largest of all deviations is as large.
-    """
-
-    name: str
-    size: float
-    error: float
+    name: str  # a region of the outline, or a trend
+    size: float  # amplitude [unit]
+    error: float  # its standard error
     unit: str
-    p_value: float
+    p_value: float  # probability that under a right model the largest of all deviations is as large
 
     @property
     def sigma(self) -> float:
@@ -396,27 +358,13 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Finding:
-    """Deviations of a session from a model.
+    """Deviations of a session from a model."""
 
-    Parameters
-    ----------
-    deviations : tuple of Deviation
-        The most surprising first.
-    noise : float
-        Root of the misfit over its degrees of freedom: the noise over that assumed; NaN without any.
-    capsules : int
-        How many were fitted.
-    discrepancy : Discrepancy
-        Evidence of the capsules for a deviation that no known effect describes.
-    further_noise : float [l]
-        Noise of single outlines that was assumed beyond what is stated.
-    """
-
-    deviations: tuple[Deviation, ...]
-    noise: float
-    capsules: int
-    discrepancy: Discrepancy = field(default_factory=Discrepancy, repr=False)
-    further_noise: float = 0.0
+    deviations: tuple[Deviation, ...]  # the most surprising first
+    noise: float  # root of the misfit over its degrees of freedom: the noise over that assumed; NaN without any
+    capsules: int  # that were fitted
+    discrepancy: Discrepancy = field(default_factory=Discrepancy, repr=False)  # evidence for what no effect describes
+    further_noise: float = 0.0  # [l], of single outlines, that was assumed beyond what is stated
 
     def table(self) -> pd.DataFrame:
         """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
@@ -434,17 +382,14 @@ class Finding:
         return self.p_value >= level and self.discrepancy.evidence <= at_most
 
     def combined_p_value(self, other: Finding, among: float) -> float:
-        """Return the p-value of the largest deviation of this and of other capsules together.
-
-        Only deviations with a p-value of at most `among` here count. Those of the other are looked for by name and
-        direction, so that they need no correction for the number of deviations; the two p-values are combined by
-        Stouffer's method.
-        """
-        there = {deviation.name: deviation for deviation in other.deviations}
+        """Return the p-value of the largest deviation of this and of other capsules together."""
+        # Only deviations with a p-value of at most `among` here count. Those of the other are looked for by name and
+        # direction, so that they need no correction for the number of deviations.
+        again = {deviation.name: deviation for deviation in other.deviations}
         both = (
-            _together(deviation, there[deviation.name])
+            _together(deviation, again[deviation.name])
             for deviation in self.deviations
-            if deviation.p_value <= among and deviation.name in there
+            if deviation.p_value <= among and deviation.name in again
         )
         return min(both, default=1.0)
 
@@ -463,24 +408,9 @@ def find(
     white: Whitening | None = None,
     fits: Fits | None = None,
 ) -> Finding:
-    """Test a session for deviations from a model.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    session : Session
-        Its outlines are tested region by region; without outlines, only the trends are tested.
-    seed : int
-        Of the random signs.
-    white : Whitening, optional
-        Whitening of the outlines, made with the model without its effects; by default with `model`.
-    fits : Fits, optional
-        Of the model, if they have been computed.
-
-    Returns
-    -------
-    Finding
-    """
+    """Test a session for deviations from a model: the outlines region by region, without outlines the trends alone."""
+    # The whitening is made with the model without its effects, by default with `model`; the fits are those of `model`.
+    # The seed is that of the random signs.
     white = whitening(model, session) if white is None else white
     fits = fitted(model, session, white) if fits is None else fits
     done = np.flatnonzero(fits.settled)
@@ -493,13 +423,13 @@ def find(
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
     p_values = _by_signs(table, np.random.default_rng([seed, len(done)]))
     by_surprise = sorted(zip(table, p_values, strict=True), key=lambda pair: (pair[1], -abs(pair[0].statistic)))
-    found = [
+    deviations = [
         Deviation(test.name, test.size * test.scale, test.error * test.scale, test.unit, float(p_value))
         for test, p_value in by_surprise
     ]
-    found += [*_of_flow(fits, len(table)), *_without_a_shape(fits)]
+    deviations += [*_of_flow(fits, len(table)), *_without_a_shape(fits)]
     return Finding(
-        tuple(sorted(found, key=lambda deviation: deviation.p_value)),
+        tuple(sorted(deviations, key=lambda deviation: deviation.p_value)),
         noise,
         len(done),
         Discrepancy.of(session, white, fits),
@@ -590,8 +520,8 @@ def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> lis
     if not rows:
         return []
     contributions, weights, own = (np.array(column).T for column in zip(*rows, strict=True))
-    width = 1e6 * session.mean("half_width")
-    return [_Test(name, "um", width, *each) for name, *each in zip(REGIONS, contributions, weights, own, strict=True)]
+    in_um = 1e6 * session.mean("half_width")
+    return [_Test(name, "um", in_um, *each) for name, *each in zip(REGIONS, contributions, weights, own, strict=True)]
 
 
 def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> list[_Test]:

@@ -46,11 +46,8 @@ def _kernel(first: Floats, second: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, axis=-1)))
 
 
-# Best shape of a model for each capsule, and its residuals.
-#
-# Each capsule has its own Ca and a/l; they are found for all capsules together,
-# so that many models can be compared. The residuals are whitened, with a
-# covariance that is kept for all models that are compared
+# Best shape of a model for each capsule: its own Ca and a/l, found for all capsules together, so that many models can
+# be compared. The residuals are whitened with a covariance that is kept for all of them
 
 _NEAR = 0.1  # expected decrease of the misfit above which a fit has not converged
 _ILL = 4.0  # misfit over its freedom, from which a capsule has no shape of the model: twice the stated noise
@@ -123,11 +120,11 @@ def fitted(
 def _begun(evaluate: Evaluation, start: Floats | None) -> Places:
     """Evaluate the capsules at a start (n, 2), or at their pilots where the model has no shape there."""
     pilots = evaluate.white.pilots
-    found = evaluate(np.array(pilots if start is None else start), np.arange(len(pilots)))
-    outside = np.flatnonzero(~found.inside)
+    places = evaluate(np.array(pilots if start is None else start), np.arange(len(pilots)))
+    outside = np.flatnonzero(~places.inside)
     if start is not None and len(outside):
-        found.put(outside, evaluate(pilots[outside], outside))
-    return found
+        places.put(outside, evaluate(pilots[outside], outside))
+    return places
 
 
 def _to_try_again(places: Places, freedom: Integers) -> Integers:
@@ -196,12 +193,8 @@ class Trend:
 
     def __add__(self, other: Trend) -> Trend:
         """Return that of the capsules of both."""
-        return Trend(
-            np.concatenate([self.places, other.places]),
-            np.concatenate([self.log_modulus, other.log_modulus]),
-            np.concatenate([self.variance, other.variance]),
-            np.concatenate([self.shared, other.shared]),
-        )
+        names = ("places", "log_modulus", "variance", "shared")
+        return Trend(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
 
     @property
     def evidence(self) -> float:

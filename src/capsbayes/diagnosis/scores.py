@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.linalg
@@ -21,19 +21,13 @@ from capsbayes.diagnosis.session import OfOutline, Session, Whitening, initial_g
 from capsbayes.model import Effect, ForwardModel, Unseen
 from capsbayes.profile import edge_lengths, vertex_normals
 
-# Something else: a smooth deformation of the outlines that depends on the capsule, or a trend of the apparent G_s.
-#
-# An effect that is not in the catalogue is modelled by a Gaussian process of normal displacements over the arc, ln Ca
-# and
-# a/l, together with affine and radial distortions of the picture. Its covariance is
-# separable: squared exponentials on the closed arc, expanded in Fourier modes, and on ln Ca and a/l, expanded about a
-# lattice of inducing points. The amplitude and the length scales are integrated over a grid of priors, so that the
-# process pays for its freedom by its marginal likelihood (Kennedy & O'Hagan 2001, doi:10.1111/1467-9868.00294; MacKay
-# 1992, doi:10.1162/neco.1992.4.3.415). Lengths alone leave the apparent G_s, whose dependence on velocity and a/l is
-# modelled likewise.
-#
-# The model's own error counts as such a process too, of the amplitude that the model states, with something else and
-# without it
+# Something else: an effect that is not in the catalogue is modelled by a Gaussian process of normal displacements over
+# the arc, ln Ca and a/l, together with affine and radial distortions of the picture. Its covariance is separable:
+# squared exponentials on the closed arc, expanded in Fourier modes, and on ln Ca and a/l, expanded about a lattice of
+# inducing points. The amplitude and the length scales are integrated over a grid of priors, so that the process pays
+# for its freedom by its marginal likelihood (Kennedy & O'Hagan 2001, doi:10.1111/1467-9868.00294; MacKay 1992,
+# doi:10.1162/neco.1992.4.3.415). Lengths alone leave the apparent G_s, whose dependence on velocity and a/l is modelled
+# likewise. The model's own error counts as such a process too, of the amplitude that the model states
 
 _EVEN, _ODD = 8, 3  # Fourier modes of the arc that are alike above and below the axis, and that are opposite
 _ARC = (0.05, 0.12)  # length scales, over the perimeter
@@ -109,14 +103,9 @@ class Discrepancy:
 
     def __add__(self, other: Discrepancy) -> Discrepancy:
         """Return that of the capsules of both."""
-        return Discrepancy(
-            np.concatenate([self.places, other.places]),
-            np.concatenate([self.information, other.information]),
-            np.concatenate([self.shift, other.shift]),
-            np.concatenate([self.response, other.response]),
-            np.concatenate([self.own, other.own]),
-            self.trend + other.trend,
-        )
+        names = ("places", "information", "shift", "response", "own")
+        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return Discrepancy(**arrays, trend=self.trend + other.trend)
 
     @property
     def noise(self) -> float:
@@ -285,17 +274,13 @@ def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:
     return found
 
 
-# Likelihood of a session under a model with an effect of a given size.
-#
-# Of each capsule the best shape and its misfit say how well the picture is met;
-# how far the apparent shear moduli of all capsules lie apart says whether one
-# membrane can have made them. With G_s normal in its logarithm among the capsules
-# and the size a/l free, the likelihood of capsule i is, but for a constant,
+# Likelihood of a session under a model with an effect of a given size. The misfit of its best shape says how well the
+# picture of a capsule is met; how far the apparent shear moduli of all lie apart, whether one membrane can have made
+# them. With G_s normal in its logarithm among the capsules and a/l free, that of capsule i is, but for a constant,
 #
 #     exp(-misfit_i / 2) (det C_i)^(1/2) N(ln G_i; mean, C_i[G, G] + s_i^2 + spread^2),
 #
-# C_i the covariance of ln G_i and a/l by the picture, s_i the relative error of
-# the velocity
+# C_i the covariance of ln G_i and a/l by the picture, s_i the relative error of the velocity
 
 Measured = Mapping[str, tuple[float, float]]
 """Size of an effect measured independently of the capsules, and its standard error, by name of the parameter."""
@@ -313,8 +298,7 @@ _LOST = 15.0  # log likelihood of a capsule of which the model knows no shape, b
 _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
 
 
-@dataclass(frozen=True)
-class Population:
+class Population(NamedTuple):
     """Mean of ln G_s of the capsules, and standard deviation in excess of their errors."""
 
     mean: float
@@ -332,6 +316,14 @@ class Scores:
     modulus: Floats = field(repr=False)  # (J,): median of the apparent G_s of the capsules [N/m]
     own_error: float = 0.0  # standard error of the size by the model's own error, which all capsules share
     without: float | None = None  # median G_s [N/m] from which changes count; default: at the null value
+
+    @classmethod
+    def of(
+        cls, effect: Effect, sizes: Sequence[float], outcomes: Sequence[Outcome], elsewhere: Sequence[float]
+    ) -> Self:
+        """Score what came of rising sizes."""
+        likelihoods, _, moduli = (np.array(column) for column in zip(*outcomes, strict=True))
+        return cls(effect, np.array(sizes), likelihoods, np.array(elsewhere), moduli)
 
     @property
     def total(self) -> Floats:
@@ -382,8 +374,8 @@ class Scores:
             return np.full(np.shape(sizes), np.nan)
         tried = self.sizes[known]
         log_modulus = PchipInterpolator(tried, np.log(self.modulus[known]))
-        there, null = (log_modulus(np.clip(size, tried[0], tried[-1])) for size in (sizes, self.effect.null_value))
-        return np.asarray(there - (null if self.without is None else np.log(self.without)))
+        at_sizes, null = (log_modulus(np.clip(size, tried[0], tried[-1])) for size in (sizes, self.effect.null_value))
+        return np.asarray(at_sizes - (null if self.without is None else np.log(self.without)))
 
     def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
         """Draw changes of ln G_s due to the effect, with sizes from their posterior : (count,) array."""
@@ -498,7 +490,7 @@ class Profile:
     ) -> None:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
-        self._found = {effect.null_value: Outcome.of(without), **(known or {})}
+        self._outcomes = {effect.null_value: Outcome.of(without), **(known or {})}
         self._begin()
 
     def _begin(self) -> None:
@@ -512,10 +504,9 @@ class Profile:
     @property
     def scores(self) -> Scores:
         """Scores at all sizes tried so far."""
-        sizes = np.array(sorted(self._found))
-        elsewhere = np.array([log_of_measured(size, self.measured) for size in sizes])
-        likelihoods, _, moduli = zip(*(self._found[size] for size in sizes), strict=True)
-        return Scores(self.effect, sizes, np.array(likelihoods), elsewhere, np.array(moduli))
+        sizes = sorted(self._outcomes)
+        elsewhere = [log_of_measured(size, self.measured) for size in sizes]
+        return Scores.of(self.effect, sizes, [self._outcomes[size] for size in sizes], elsewhere)
 
     def refine(self, times: int = _REFINED) -> None:
         """Add sizes around the best."""
@@ -526,15 +517,15 @@ class Profile:
 
     def add(self, size: float, *, everywhere: bool = False) -> None:
         """Fit the capsules with the effect at a size, from the fits at the nearest one; see `fitted`."""
-        if size in self._found:
+        if size in self._outcomes:
             return
-        start = self._found[min(self._found, key=lambda other: abs(other - size))].theta
+        start = self._outcomes[min(self._outcomes, key=lambda other: abs(other - size))].theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
-        found = Outcome.of(fits)
+        outcome = Outcome.of(fits)
         if self.unseen:  # what it seems to gain is but another reach of the model's domain
-            found = found._replace(log_likelihood=self._found[self.effect.null_value].log_likelihood)
-        self._found[size] = found
+            outcome = outcome._replace(log_likelihood=self._outcomes[self.effect.null_value].log_likelihood)
+        self._outcomes[size] = outcome
 
 
 class Trial(Profile):
@@ -549,7 +540,7 @@ class Trial(Profile):
     def with_measured(self, measured: tuple[float, float] | None) -> Trial:
         """Return the trial with an independent measurement of the effect."""
         made = (self.model, self.effect, self.session, self.white, self.without)
-        return self if measured == self.measured else Trial(*made, measured, self._found)
+        return self if measured == self.measured else Trial(*made, measured, self._outcomes)
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:

@@ -230,16 +230,16 @@ class Search:
 
     def trials(self, here: ForwardModel, fits: Fits, names: Iterable[str]) -> dict[str, Trial]:
         """Try effects on top of a model, whose fits are given."""
-        found = {}
+        trials = {}
         for name in names:
             self.report(self.candidates[name].name)
             known = self.earlier.get(name) if here is self.model else None
             if known is None:
                 made = (here, self.candidates[name], self.session, self.white, fits)
-                found[name] = Trial(*made, self.measured.get(name))
+                trials[name] = Trial(*made, self.measured.get(name))
             else:
-                found[name] = known.with_measured(self.measured.get(name))
-        return found
+                trials[name] = known.with_measured(self.measured.get(name))
+        return trials
 
     def judged(
         self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]

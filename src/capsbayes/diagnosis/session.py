@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -61,13 +61,13 @@ class Session:
 
     @classmethod
     def read(cls, path: str | Path, experiment: Experiment | str | Path | None = None) -> Session:
-        """Read a set of measurements.
+        """Read a set of measurements; capsules that cannot be used are in `left_out`.
 
         Parameters
         ----------
         path : path
             A folder of measurement files as `Measurement.read` reads them, a table of lengths (.csv), or a file of
-            outlines (.nc). Capsules that cannot be used are in `left_out`.
+            outlines (.nc).
         experiment : Experiment or path, optional
             Replaces the one that the set names.
 
@@ -76,8 +76,8 @@ class Session:
         InputError
             Naming file, key, what was expected and what was found.
         """
-        found = read_set(path, experiment)
-        return cls(found.measurements, found.experiment, found.left_out)
+        read = read_set(path, experiment)
+        return cls(read.measurements, read.experiment, read.left_out)
 
     @classmethod
     def of(cls, given: Session | Population | str | Path) -> Session:
@@ -123,13 +123,13 @@ class Session:
     def circumstances(self) -> dict[str, Floats]:
         """Conditions of each capsule on which effects may depend : dict of (n,) array, SI."""
         velocity = np.array([measurement.known_velocity.value for measurement in self.measurements])
-        found = {"capsule_velocity": velocity}
+        known = {"capsule_velocity": velocity}
         for name in CONDITIONS:
             usual = getattr(self.experiment, name).mean
-            found[name] = np.array([measurement.conditions.get(name, usual) for measurement in self.measurements])
+            known[name] = np.array([measurement.conditions.get(name, usual) for measurement in self.measurements])
         if np.isfinite(self.flow_rates).any():
-            found["flow_rate"] = self.flow_rates
-        return found
+            known["flow_rate"] = self.flow_rates
+        return known
 
     @cached_property
     def flow_rates(self) -> Floats:
@@ -161,13 +161,7 @@ class Session:
         return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
 
     def halves(self, seed: int) -> tuple[Session, Session]:
-        """Divide the capsules at random into halves of like sizes and velocities.
-
-        Parameters
-        ----------
-        seed : int
-            Seed of the random numbers.
-        """
+        """Divide the capsules at random into halves of like sizes and velocities."""
         rng = np.random.default_rng(seed)
         extent = np.array([measurement.axial_extent for measurement in self.measurements])
         order = np.lexsort((self.circumstances["capsule_velocity"], np.argsort(np.argsort(extent)) // _BIN))
@@ -180,29 +174,10 @@ class Session:
         return self.taken(sorted(first)), self.taken(sorted(second))
 
 
-# Whitened residuals of measurements: independent numbers of variance one under a right model.
-#
-# The covariance that does this is made once, at a pilot, and kept for all models that are compared
+# Whitened residuals of measurements: independent numbers of variance one under a right model. The covariance that does
+# this is made once, at a pilot, and kept for all models that are compared
 
 _ALL = slice(None)
-
-
-class Whitener(Protocol):
-    """Residuals of one capsule's measurement from predictions."""
-
-    @property
-    def placed(self) -> int:
-        """Number of measured values that determine its place in the picture."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number m of residuals."""
-        ...
-
-    def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +186,7 @@ class OfLengths:
 
     lengths: Floats
     covariance: Floats
-    placed: ClassVar[int] = 0
+    placed: ClassVar[int] = 0  # measured values that determine its place in the picture
 
     @classmethod
     def of(cls, measurement: Measurement, own: Floats) -> OfLengths:
@@ -221,11 +196,11 @@ class OfLengths:
 
     @property
     def count(self) -> int:
-        """See `Whitener`."""
+        """Number m of residuals."""
         return len(self.lengths)
 
     def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """See `Whitener`."""
+        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         lengths = np.stack([prediction.axial_extent[rows], prediction.axial_length[rows]], axis=1)
         away = np.where(prediction.inside[rows, None], self.lengths - lengths[:, : len(self.lengths)], np.nan)
         extent, variance = away[:, 0], self.covariance[0, 0]
@@ -246,11 +221,11 @@ class OfOutline:
 
     @property
     def count(self) -> int:
-        """See `Whitener`."""
+        """Number m of residuals."""
         return len(self.likelihood.points) + (self.likelihood.length is not None)
 
     def __call__(self, prediction: Prediction, rows: slice = _ALL) -> Floats:
-        """See `Whitener`."""
+        """Return the whitened differences (k, m) from k predictions, NaN outside the model's domain."""
         assert prediction.outline is not None, "asked for"
         outlines = np.where(prediction.inside[rows, None, None], prediction.outline[rows], np.nan)
         return self.likelihood.whitened(outlines, prediction.axial_length[rows], posed=True)
@@ -269,7 +244,7 @@ class OfOutline:
 class Whitening:
     """Whitener of each capsule, and the point at which it was made."""
 
-    each: tuple[Whitener, ...]
+    each: tuple[OfLengths | OfOutline, ...]
     pilots: Floats  # (n, 2): ln Ca and a/l
     outline: bool  # whether any of them reads outlines
     further: float = 0.0  # standard deviation [l] that was added to the noise of each outline
@@ -283,7 +258,7 @@ def whitened_at(
     # the noise of outlines.
     places = {**session.circumstances, "capillary_number": np.exp(pilots[:, 0]), "size_ratio": pilots[:, 1]}
     own = model(places).covariance[:, :2, :2]
-    each: list[Whitener] = []
+    each: list[OfLengths | OfOutline] = []
     for i, measurement in enumerate(session.measurements):
         if measurement.outline is None:
             each.append(OfLengths.of(measurement, own[i]))
@@ -296,11 +271,10 @@ def whitened_at(
     return Whitening(tuple(each), pilots, outline, further)
 
 
-# Velocity of each capsule over that which its flow rate gives: a second source of the mean velocity U.
-#
-# The flow rate Q gives U = Q / A without the capsule, its own shape gives v_o/U. The logarithm of the measured v_o over
-# the predicted one is zero within the errors under a right model. Those of the velocities and of the shapes are
-# independent from capsule to capsule; those of Q and of the half width, and the model's own, are common to all
+# The flow rate Q is a second source of the mean velocity: U = Q / A without the capsule, its own shape gives v_o/U. The
+# logarithm of the measured v_o over the predicted one is zero within the errors under a right model. Those of the
+# velocities and of the shapes are independent from capsule to capsule; those of Q, of the half width and of the model
+# are common to all
 
 LEAST_SHARED = 1e-4
 """Relative error of a flow rate that is taken as known, so that a common error always has a scale."""
@@ -399,13 +373,13 @@ class Evaluation:
 
     def __call__(self, theta: Floats, rows: Integers) -> Places:
         """Evaluate at theta (k, 2) the capsules of k rows."""
-        found = self._towards(theta, rows, 1.0)
-        edge = np.flatnonzero(found.inside & ~found.differentiable)  # of the domain: look the other way
+        places = self._towards(theta, rows, 1.0)
+        edge = np.flatnonzero(places.inside & ~places.differentiable)  # of the domain: look the other way
         if len(edge):
             back = self._towards(theta[edge], rows[edge], -1.0)
-            for here, there in ((found.slopes, back.slopes), (found.ratio_slopes, back.ratio_slopes)):
-                here[edge] = np.where(np.isfinite(here[edge]), here[edge], there)
-        return found
+            for ahead, behind in ((places.slopes, back.slopes), (places.ratio_slopes, back.ratio_slopes)):
+                ahead[edge] = np.where(np.isfinite(ahead[edge]), ahead[edge], behind)
+        return places
 
     def fitted(self, here: Places, rows: Integers) -> Places:
         """Minimise the misfit of capsules, given by their rows, from some places on."""

@@ -37,53 +37,24 @@ class MeanRatio(NamedTuple):
 
 @dataclass(frozen=True)
 class Verification:
-    """Held-out capsules before and after the effect is added.
+    """Held-out capsules before and after the effect is added."""
 
-    Parameters
-    ----------
-    log_likelihood_ratio, error : float
-        Mean log-likelihood ratio per capsule, with the effect to without, and its standard error.
-    before, after : Finding
-    left : Finding
-        Deviations that remain in the first half with the effect.
-    log_likelihood_ratios : (n,) array
-        Of each capsule.
-    steps : tuple of MeanRatio
-        Of each effect over those before.
-    comparisons : (Comparison, Comparison)
-        The capsules compared with the model before and after.
-    established : tuple of bool
-        Of each step, whether its effect is known to be there from what was measured elsewhere.
-    first_p_value : float
-        P-value of the disagreement that the first half shows.
-    of_something_else : float
-        Log score of something else on these capsules, once it has seen the first half, relative to no effect.
-    ahead_before : float
-        Log evidence of the effects on the first half, over that of something else.
-    level : float
-        Significance of both halves together, below which the effects hold.
-    """
-
-    log_likelihood_ratio: float
-    error: float
+    log_likelihood_ratio: float  # mean per capsule, with the effect to without
+    error: float  # its standard error
     before: Finding
     after: Finding
-    left: Finding
-    log_likelihood_ratios: Floats = field(repr=False)
-    steps: tuple[MeanRatio, ...]
-    comparisons: tuple[Comparison, Comparison] = field(repr=False)
-    established: tuple[bool, ...]
-    first_p_value: float
-    of_something_else: float = -np.inf
-    ahead_before: float = 0.0
-    level: float = 0.05
+    left: Finding  # deviations that remain in the first half with the effect
+    log_likelihood_ratios: Floats = field(repr=False)  # (n,): of each capsule
+    steps: tuple[MeanRatio, ...]  # of each effect over those before
+    comparisons: tuple[Comparison, Comparison] = field(repr=False)  # with the model before and after
+    established: tuple[bool, ...]  # of each step, whether its effect is known from what was measured elsewhere
+    first_p_value: float  # of the disagreement that the first half shows
+    of_something_else: float = -np.inf  # its log score here, once it has seen the first half, relative to no effect
+    ahead_before: float = 0.0  # log evidence of the effects on the first half, over that of something else
+    level: float = 0.05  # significance of both halves together, below which the effects hold
 
     def table(self) -> pd.DataFrame:
-        """Return a row for the model ``before`` and ``after`` the effect is added.
-
-        Columns: ``gap`` [m], ``noise_over_assumed``, ``p_value``, ``surface_shear_modulus`` (median of the capsules
-        [N/m]), ``log_likelihood_ratio`` per capsule and its ``log_likelihood_ratio_error``.
-        """
+        """Return a row for the model ``before`` and ``after`` the effect is added, SI."""
         findings = {"before": self.before, "after": self.after}
         ratios = {"before": (0.0, 0.0), "after": (self.log_likelihood_ratio, self.error)}
         rows = {
@@ -103,10 +74,7 @@ class Verification:
 
     @property
     def leaves_nothing(self) -> bool:
-        """True if no deviation remains, and both halves do not speak clearly for something else besides the effects.
-
-        Deviations are looked for in these capsules, and in both halves together.
-        """
+        """True if no deviation remains here or in both halves, and these do not speak for something else besides."""
         both = self.left.discrepancy + self.after.discrepancy
         p_value = min(self.after.p_value, self.left.combined_p_value(self.after, _WORTH_A_LOOK))
         return p_value >= LEFT and both.evidence <= LEAST_RATIO
@@ -123,10 +91,8 @@ class Verification:
 
     @property
     def beats_something_else(self) -> bool:
-        """True if the effects predict these capsules better than something else, or all were measured elsewhere.
-
-        Also where they predict them hardly worse, and both halves together speak clearly for the effects.
-        """
+        """True if the effects predict these capsules better than something else, or all were measured elsewhere."""
+        # Also where they predict them hardly worse, and both halves together speak clearly for the effects.
         hardly_behind = self.ahead > -LEAST_RATIO and self.ahead_by_both > LEAST_RATIO
         return all(self.established) or self.ahead > 0.0 or hardly_behind
 
@@ -137,13 +103,9 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """True if each effect predicts these capsules better (an established one not worse) and no deviation remains.
-
-        Together they must predict them better than something else does.
-
-        The first must do the better the less surprising the disagreement was in the first half, so that under a right
-        model both together are significant at the level.
-        """
+        """True if each effect predicts these capsules better, an established one not worse, and nothing remains."""
+        # Together they must predict them better than something else does. The first must do the better the less
+        # surprising the disagreement was in the first half, so that under a right model both together are significant.
         wanted = float(norm.isf(self.level))
         together = max(np.sqrt(2.0) * wanted - float(norm.isf(self.first_p_value)), 0.0)
         least = (together, *(wanted for _ in self.steps[1:]))
@@ -234,12 +196,12 @@ def _in_question(step: Step, tries: Mapping[str, Verification]) -> tuple[str, ..
         best,
         *(name for name in others if indistinguishable(total[best] - total[name], ratios[best] - ratios[name])),
     ]
-    found = [name for name in alike if tries[name].leaves_nothing]
-    if not found:
+    explaining = [name for name in alike if tries[name].leaves_nothing]
+    if not explaining:
         return ()
-    if best not in found and total[best] - total[found[0]] > LEAST_RATIO:
-        found.append(best)
-    return tuple(sorted(found, key=lambda name: not tries[name].holds))
+    if best not in explaining and total[best] - total[explaining[0]] > LEAST_RATIO:
+        explaining.append(best)
+    return tuple(sorted(explaining, key=lambda name: not tries[name].holds))
 
 
 def _established(effect: Effect, measured: Measured) -> bool:

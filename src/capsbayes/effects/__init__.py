@@ -1,4 +1,4 @@
-"""Effects that a simple model misses, one file each."""
+"""Effects that a simple model misses."""
 
 from capsbayes.effects.analytic import (
     ChannelSwelling,
@@ -16,8 +16,7 @@ from capsbayes.effects.analytic import (
     VelocityScale,
     ViscosityError,
 )
-from capsbayes.effects.catalogue import catalogue
-from capsbayes.effects.simulated import SIMULATED, Simulated
+from capsbayes.effects.simulated import SIMULATED, Simulated, catalogue
 
 __all__ = [
     "SIMULATED",

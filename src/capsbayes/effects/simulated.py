@@ -1,4 +1,4 @@
-"""Effects that were simulated, read from the effect databases; several of the membrane together from the joint one."""
+"""Effects that were simulated, of the membrane several together, and the catalogue of all effects."""
 
 from __future__ import annotations
 
@@ -8,45 +8,30 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from capsbayes.arrays import Floats
 from capsbayes.database import Database
-from capsbayes.model import ForwardModel, Kind, Theta
+from capsbayes.effects.analytic import ANALYTIC
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
+from capsbayes.model import Effect, ForwardModel, Kind, Theta
 from capsbayes.parameters import OF_THE_MEMBRANE, PARAMETERS, Parameter
 from capsbayes.prediction import Prediction
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate.open import joint_surrogate, plain_membrane
 
-Outlines = NDArray[np.float64] | None
-
 
 @dataclass(frozen=True)
 class Simulated:
-    """Effect of a parameter of the simulator whose value differs from that of the model.
-
-    Parameters
-    ----------
-    name : str
-    coordinate : str
-        Name of the parameter.
-    null_value : float
-    prior : Quantity
-        Uniform or log-uniform over the range of the database.
-    kind : Kind
-    changes, separated_by : str
-        See `Effect`.
-    makes : (str, str), optional
-        Words for the membrane with a size below the null value, and with one above it.
-    """
+    """Effect of a parameter of the simulator whose value is not that of the model; see `capsbayes.model.Effect`."""
 
     name: str
-    coordinate: str
+    coordinate: str  # name of the parameter
     null_value: float
-    prior: Quantity
+    prior: Quantity  # uniform or log-uniform over the range of the database
     kind: Kind
     changes: str = field(repr=False)  # the fingerprint of a model with the effect does not depend on the prose
     separated_by: str = field(repr=False)
-    makes: tuple[str, str] = field(default=("", ""), repr=False)
+    makes: tuple[str, str] = field(default=("", ""), repr=False)  # the membrane, with a size below and above the null
     circumstances: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -73,25 +58,28 @@ class Simulated:
         if joint is not None:
             return joint(theta, outline=outline)
         simulated = self._alone(model)
-        here = model(theta, outline=outline)
+        seen = model(theta, outline=outline)
         known = {name: theta[name] for name in self._read}
-        there = simulated(known, outline=outline)
-        null = simulated({**known, self.coordinate: np.full(len(here), self.null_value)}, outline=outline)
-        both = here.inside & there.inside & null.inside
+        with_it = simulated(known, outline=outline)
+        null = simulated({**known, self.coordinate: np.full(len(seen), self.null_value)}, outline=outline)
+        both = seen.inside & with_it.inside & null.inside
         unknown = np.where(both, 0.0, np.nan)
         changed = theta[self.coordinate] != self.null_value
+        moved = None
+        if seen.outline is not None and with_it.outline is not None and null.outline is not None:
+            moved = seen.outline + (with_it.outline - null.outline)
         return replace(
-            here,
+            seen,
             **{
-                name: getattr(here, name) + (getattr(there, name) - getattr(null, name)) + unknown
+                name: getattr(seen, name) + (getattr(with_it, name) - getattr(null, name)) + unknown
                 for name in ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
             },
-            covariance=here.covariance + np.where(changed[:, None, None], there.covariance, 0.0),
+            covariance=seen.covariance + np.where(changed[:, None, None], with_it.covariance, 0.0),
             inside=both,
-            outline=_changed(here.outline, there.outline, null.outline),
+            outline=moved,
         )
 
-    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
+    def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> Floats | None:
         """Return the own error of the outline at one point: that of the model and that of the slices."""
         joint = self._joined(model)
         if joint is not None:
@@ -124,97 +112,57 @@ class Simulated:
         return self.makes[size > self.null_value]
 
 
-def _changed(here: Outlines, there: Outlines, null: Outlines) -> Outlines:
-    return None if here is None or there is None or null is None else here + (there - null)
-
-
 SIMULATED: Mapping[str, Simulated] = MappingProxyType(
     {
         effect.coordinate: effect
         for effect in (
             Simulated(
-                "pre-inflation",
-                "pre_inflation",
-                0.0,
-                Quantity.uniform(0.0, 0.1),
-                Kind.SESSION,
+                *("pre-inflation", "pre_inflation", 0.0, Quantity.uniform(0.0, 0.1), Kind.SESSION),
                 "The rear is less concave, and the apparent G_s too high, at low Ca most.",
                 "A second flow rate; the radius of capsules in the liquid in which they were made.",
                 ("", "pre-inflated"),
             ),
             Simulated(
-                "bending stiffness",
-                "bending",
-                2e-4,
-                Quantity.log_uniform(5e-5, 3e-3),
-                Kind.SESSION,
+                *("bending stiffness", "bending", 2e-4, Quantity.log_uniform(5e-5, 3e-3), Kind.SESSION),
                 "The rim of the rear is rounder; little else changes.",
                 "The curvature of the rear rim in a sharp picture.",
                 ("less stiff in bending", "stiffer in bending"),
             ),
             Simulated(
-                "strain hardening",
-                "strain_hardening",
-                0.0,
-                Quantity.uniform(0.0, 1.0),
-                Kind.STRAIN,
+                *("strain hardening", "strain_hardening", 0.0, Quantity.uniform(0.0, 1.0), Kind.STRAIN),
                 "Shorter capsules with a shallower rear at high Ca; the apparent G_s grows with the flow rate.",
                 "Higher flow rates, at which a neo-Hookean capsule would stretch without limit.",
                 ("", "strain-hardening"),
             ),
             Simulated(
-                "generalised Hooke elasticity",
-                "hooke_share",
-                0.0,
-                Quantity.uniform(0.0, 1.0),
-                Kind.STRAIN,
+                *("generalised Hooke elasticity", "hooke_share", 0.0, Quantity.uniform(0.0, 1.0), Kind.STRAIN),
                 "As strain hardening where the membrane is stretched, and softer where it is pressed together.",
                 "Higher flow rates; the folds of a capsule in compression between two plates.",
                 ("", "generalised Hooke"),
             ),
             Simulated(
-                "area dilation modulus",
-                "area_dilation_modulus",
-                3.0,
-                Quantity.log_uniform(1.0, 5.0),
-                Kind.SESSION,
+                *("area dilation modulus", "area_dilation_modulus", 3.0, Quantity.log_uniform(1.0, 5.0), Kind.SESSION),
                 "The rear is less concave with a larger modulus, more so with a smaller one.",
                 "Outlines at low and at high flow rates; the compression of a capsule between two plates.",
                 ("less resistant to a change of area", "more resistant to a change of area"),
             ),
             Simulated(
-                "shape at rest",
-                "rest_aspect",
-                1.0,
-                Quantity.uniform(0.9, 1.1),
-                Kind.SESSION,
+                *("shape at rest", "rest_aspect", 1.0, Quantity.uniform(0.9, 1.1), Kind.SESSION),
                 "L_z is larger or smaller at equal Ca.",
                 "A picture of the capsules at rest.",
             ),
             Simulated(
-                "rounded corners",
-                "corner_radius",
-                0.0,
-                Quantity.uniform(0.0, 0.2),
-                Kind.SESSION,
+                *("rounded corners", "corner_radius", 0.0, Quantity.uniform(0.0, 0.2), Kind.SESSION),
                 "Less liquid passes by in the corners: the velocity ratio and the length change together.",
                 "A cut through the channel under the microscope.",
             ),
             Simulated(
-                "not yet steady",
-                "unsteadiness",
-                0.0,
-                Quantity.uniform(0.0, 2.0),
-                Kind.SESSION,
+                *("not yet steady", "unsteadiness", 0.0, Quantity.uniform(0.0, 2.0), Kind.SESSION),
                 "The capsule is shorter than in steady state, its rear less concave, and its velocity still changes.",
                 "A second window farther downstream.",
             ),
             Simulated(
-                "aspect of the cross-section",
-                "section_aspect",
-                1.0,
-                Quantity.uniform(0.9, 1.1),
-                Kind.SESSION,
+                *("aspect of the cross-section", "section_aspect", 1.0, Quantity.uniform(0.9, 1.1), Kind.SESSION),
                 "The gap along the direction of view differs from that across it.",
                 "A cut through the channel, or a view from the side.",
             ),
@@ -222,3 +170,29 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
     }
 )
 """Simulated effects by name of the coordinate, of capsules with a neo-Hookean membrane in a square channel."""
+
+
+def catalogue(cross_section: str = "square") -> dict[str, Effect]:
+    """Return the effects that come with the library, for a channel of a cross-section, by name of their parameter.
+
+    >>> sorted(catalogue())[:3]
+    ['area_dilation_modulus', 'bending', 'corner_radius']
+    """
+    # Of the simulated effects, those of the membrane hold in a circular channel too, the others in a square one only.
+    effects: list[Effect] = []
+    shipped = Database.shipped()
+    if cross_section == "square":
+        effects += [effect for effect in SIMULATED.values() if effect.of_membrane or effect.database in shipped]
+    elif cross_section in MembraneDatabase.shipped():
+        effects += [_within_states(effect) for effect in SIMULATED.values() if effect.of_membrane]
+    effects += [effect() for effect in ANALYTIC]
+    return {effect.parameter.name: effect for effect in effects}
+
+
+def _within_states(effect: Simulated) -> Simulated:
+    """Return an effect of the membrane for sizes that the scattered states have."""
+    low, high = RANGES[FREE_PARAMETERS.index(effect.coordinate)]
+    prior = effect.prior
+    if low <= prior.low and prior.high <= high:
+        return effect
+    return replace(effect, prior=Quantity.log_uniform(max(low, prior.low), min(high, prior.high)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,18 +15,17 @@ from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.infer.grid import ExactPosterior
+from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.identify import QUANTITIES, REST, add_up, variance_shares
-from capsbayes.infer.importance import WeightedPosterior, exact_engine
+from capsbayes.infer.importance import ExactEngine, WeightedPosterior, engine_near, exact_engine
 from capsbayes.infer.posterior import Posterior
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import Inputs, Prior
 from capsbayes.infer.quadrature import Quadrature
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan.lab import LabErrors, root_of
-from capsbayes.plan.map import Setting, log_slopes, settings_of
-from capsbayes.plan.widths import Draws, Expectation, check_model, width_of
+from capsbayes.plan.lab import Draws, Expectation, LabErrors, Setting, root_of, settings_of
+from capsbayes.plan.widths import check_model, width_of
 from capsbayes.quantity import Given
 from capsbayes.status import Status
 
@@ -34,11 +33,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-# Error budget of one capsule: the share of each input in its intervals, and the slopes by each input
-
 TOGETHER = "parameters together"
 """What several further coordinates take away of the variance if all become known, beyond what each does alone."""
 
+_SETTING = ("value", "error", "unit")
 _ORDER = ("viscosity", "half_width", "capsule_velocity", "axial_extent", "axial_length", "outline", "surrogate")
 
 
@@ -100,9 +98,7 @@ class ErrorBudget:
 
         records = {}
         for row in self.rows:
-            record: dict[str, Any] = {"value": None, "error": None, "unit": None}
-            if row.setting is not None:
-                record = {key: getattr(row.setting, key) for key in record}
+            record: dict[str, Any] = {key: getattr(row.setting, key, None) for key in _SETTING}
             for quantity in QUANTITIES:
                 symbol = PARAMETERS[quantity].symbol
                 record[f"share of variance of {symbol}"] = row.share.get(quantity)
@@ -121,7 +117,7 @@ class ErrorBudget:
             "sd_of_logarithm": dict(self.sd),
             "inputs": {
                 row.name: {
-                    **({} if row.setting is None else {k: v for k, v in asdict(row.setting).items() if k != "name"}),
+                    **({} if row.setting is None else {key: getattr(row.setting, key) for key in _SETTING}),
                     "share_of_variance": dict(row.share),
                     "log_slope": dict(row.log_slope),
                     "slope": dict(row.slope),
@@ -169,12 +165,10 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
         log_slopes_of = {name: log_slopes(engine, seen, grid, setting) for name, setting in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
         sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
-    rows = (
-        _row(name, settings.get(name), shares, log_slopes_of.get(name, {}), centre)
-        for name in _ordered(shares[QUANTITIES[0]])
-    )
+    names = _ordered(shares[QUANTITIES[0]])
+    rows = tuple(_row(name, settings.get(name), shares, log_slopes_of.get(name, {}), centre) for name in names)
     return ErrorBudget(
-        tuple(rows), centre, sd, _notes(posterior), posterior.model_name, posterior.model_sha256, posterior.status
+        rows, centre, sd, _notes(posterior), posterior.model_name, posterior.model_sha256, posterior.status
     )
 
 
@@ -194,7 +188,7 @@ def _row(
     log_slope: Mapping[str, float],
     centre: Mapping[str, float],
 ) -> BudgetRow:
-    share = {quantity: float(found[name]) for quantity, found in shares.items()}
+    share = {quantity: float(of[name]) for quantity, of in shares.items()}
     slope = {} if setting is None else {q: float(s * centre[q] / setting.value) for q, s in log_slope.items()}
     return BudgetRow(name, setting, share, {q: float(s) for q, s in log_slope.items()}, slope)
 
@@ -231,6 +225,58 @@ def _notes(posterior: Posterior) -> tuple[str, ...]:
     if not posterior.status.ok:
         notes.append(f"Read the shares with care. {posterior.status}")
     return tuple(notes)
+
+
+# Slopes of G_s and a by each input: differences of the exact engine's medians. Where one of the two steps makes a shape
+# that cannot be, a length on the axis beyond the extent or a shape far from all of the model, the other alone is taken
+
+STEP = 0.5
+"""Step in standard errors of the input, so that the slope is that over the range that matters."""
+
+STEP_OF_KNOWN = 5e-3
+"""Step over the value of an input that is known."""
+
+
+def log_slopes(
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, setting: Setting
+) -> dict[str, float]:
+    """Compute d ln(quantity) / d ln(input) of the posterior medians of G_s and a; NaN where no step can be made."""
+    ends = {}
+    step = STEP * setting.error if setting.error > 0.0 else STEP_OF_KNOWN * setting.value
+    for value in (setting.value - step, setting.value + step):
+        with contextlib.suppress(InputError):
+            moved = _moved(measurement, posterior.density.inputs, setting.name, value)
+            ends[value] = _log_medians(_again(engine, posterior, measurement, *moved))
+    if len(ends) == 1:
+        ends[setting.value] = _log_medians(posterior)
+    if not ends:
+        return dict.fromkeys(QUANTITIES, float("nan"))
+    low, high = min(ends), max(ends)
+    width = float(np.log(high / low))
+    return {name: (ends[high][name] - ends[low][name]) / width for name in QUANTITIES}
+
+
+def _again(
+    engine: ExactEngine, before: ExactPosterior, seen: Measurement, moved: Measurement, inputs: Inputs
+) -> ExactPosterior:
+    """Return the posterior of a moved measurement or of moved inputs, from that before."""
+    # An input that the shape does not depend on moves no grid: the same posterior is read with another factor.
+    same_width = inputs.half_width is before.density.inputs.half_width
+    same_shape = moved is seen and (same_width or before.density.likelihood.over_half_width)
+    if same_shape and isinstance(before, GridPosterior) and not before.cut:
+        return replace(before, density=replace(before.density, inputs=inputs))
+    return engine_near(engine, before)(moved, inputs=inputs)
+
+
+def _log_medians(posterior: ExactPosterior) -> dict[str, float]:
+    return {name: posterior.log_marginal(name).median for name in QUANTITIES}
+
+
+def _moved(measurement: Measurement, inputs: Inputs, name: str, value: float) -> tuple[Measurement, Inputs]:
+    change: dict[str, Any] = {name: value}
+    if name.startswith("axial"):
+        return replace(measurement, **change), inputs
+    return measurement, replace(inputs, **{name: getattr(inputs, name).rescaled(value)})
 
 
 # Identification of simulated measurements, to check predicted widths
@@ -291,11 +337,11 @@ def simulated_widths(
     check_model(model, experiment)
     expectation, rng = Expectation.of(surface_shear_modulus, capsule_radius, experiment), np.random.default_rng(seed)
     engine = Quadrature(model, experiment, prior)
-    found: list[tuple[float, float, bool]] = []
+    widths: list[tuple[float, float, bool]] = []
     without_shape = refused = 0
     with threadpool_limits(limits=1):
-        while len(found) < count:
-            if without_shape + refused > _LOST * (len(found) + 10):
+        while len(widths) < count:
+            if without_shape + refused > _LOST * (len(widths) + 10):
                 expected = f"a velocity at which {model.name} has a shape of such capsules"
                 raise InputError("simulated_widths", "mean_velocity", expected, f"{mean_velocity:g} m/s")
             drawn = expectation.drawn(rng, 1)
@@ -307,10 +353,10 @@ def simulated_widths(
                 posterior = engine(errors.measured(*lengths))
                 width, interval = width_of(posterior), posterior.marginal("surface_shear_modulus")
                 truth = float(drawn.surface_shear_modulus[0])
-                found.append((width.relative, width.sd, interval.contains(truth, level=68)))
+                widths.append((width.relative, width.sd, interval.contains(truth, level=68)))
                 continue
             refused += 1
-    relative, sd, within = (np.array(column) for column in zip(*found, strict=True))
+    relative, sd, within = (np.array(column) for column in zip(*widths, strict=True))
     return SimulatedWidths(relative, sd, within, without_shape, refused, seed)
 
 
@@ -318,10 +364,10 @@ def _lengths(
     capsule: Draws, model: ForwardModel, mean_velocity: float, errors: LabErrors, rng: np.random.Generator
 ) -> tuple[Floats, float] | None:
     """Draw lengths and velocity as measured; None where the model has no such capsule."""
-    there = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})
-    if not there.inside[0]:
+    shape = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})
+    if not shape.inside[0]:
         return None
-    extent, length, ratio = there.values[0, :3] + root_of(there.covariance[0]) @ rng.standard_normal(3)
+    extent, length, ratio = shape.values[0, :3] + root_of(shape.covariance[0]) @ rng.standard_normal(3)
     seen = np.array([extent, length]) * (1.0 if errors.over_half_width else capsule.half_width[0])
     noise = errors.covariance
     seen[: len(noise)] += root_of(noise) @ rng.standard_normal(len(noise))

@@ -1,4 +1,4 @@
-"""The flow rates at which to measure."""
+"""The flow rate at which the posterior of G_s of the expected capsules is narrowest."""
 
 from __future__ import annotations
 
@@ -9,14 +9,24 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from capsbayes.arguments import checked
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, imposed_velocity
+from capsbayes.experiment import AREAS, Experiment, imposed_velocity
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
-from capsbayes.plan.lab import CaRange, LabErrors, range_at
-from capsbayes.plan.map import Progress, WidthTable, lab_attributes
-from capsbayes.plan.widths import NOISES, Draws, Expectation, WidthPredictor
+from capsbayes.plan.lab import (
+    Borders,
+    CaRange,
+    Draws,
+    Expectation,
+    LabErrors,
+    expected_range,
+    lab_attributes,
+    range_at,
+)
+from capsbayes.plan.map import Progress
+from capsbayes.plan.widths import NOISES, Width, WidthPredictor, check_model
 from capsbayes.quantity import Given
 from capsbayes.status import Status
 
@@ -24,8 +34,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-# Expected widths over the velocity of the flow, and the best velocity
+# A slow flow tells little of a membrane, and too strong a flow has no steady shape. For each mean velocity U the
+# expected width of G_s is averaged over the capsules that are expected; the best U is that of the smallest width among
+# those at which the capsules stay below the limit of existence by a margin
 
+MARGIN = 0.1
+"""Share of the Ca at the limit of existence by which capsules are to stay below it."""
+
+RISK = 0.05
+"""Probability that a capsule comes nearer to the limit than that."""
+
+_VELOCITIES = 96
+_CAPSULES = 4000  # drawn
 _AS_GOOD = 1.05  # width over the smallest, up to which a velocity counts as good
 
 
@@ -109,27 +129,7 @@ class FlowDesign:
 
 def _plain(point: FlowPoint) -> dict[str, Any]:
     """Return the fields with None in place of NaN, which JSON does not know."""
-    values = asdict(point)
-    return {
-        name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in values.items()
-    }
-
-
-# Choice of the flow rate at which the posterior of G_s of the expected capsules is narrowest.
-#
-# A slow flow tells little of a membrane, and too strong a flow has no steady
-# shape. For each mean velocity U the expected width of G_s is averaged over the
-# capsules that are expected; the best U is that of the smallest width among
-# those at which the capsules stay below the limit of existence by a margin
-
-MARGIN = 0.1
-"""Share of the Ca at the limit of existence by which capsules are to stay below it."""
-
-RISK = 0.05
-"""Probability that a capsule comes nearer to the limit than that."""
-
-_POINTS = 96  # velocities
-_DRAWS = 4000
+    return {name: value if np.isfinite(value) else None for name, value in asdict(point).items()}
 
 
 def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
@@ -138,7 +138,7 @@ def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> fl
     >>> round(6e10 * flow_rate(5e-3, 25e-6, "square"), 3)  # in uL/min
     0.75
     """
-    return mean_velocity * half_width**2 * {"square": 4.0, "circular": float(np.pi)}[cross_section]
+    return mean_velocity * half_width**2 * AREAS[cross_section]
 
 
 @checked
@@ -189,26 +189,21 @@ def flow_design(
     InputError
         If an argument cannot be used, or the model has no shape of the expected size.
     """
-    if not (0.0 <= margin < 1.0 and 0.0 <= risk < 1.0):
-        raise InputError("flow_design", "margin, risk", "shares from 0 to below 1", f"{margin:g}, {risk:g}")
+    check_risk(margin, risk)
     expectation = Expectation.of(surface_shear_modulus, capsule_radius, experiment)
-    centre = expectation.centre
-    here = range_at(model, float(centre.size_ratio[0]))
-    if here.empty:
-        low, high = model.domain.bounds[1]
-        wanted = f"a radius between {low:.4g} and {high:.4g} l, as {model.name} has them"
-        raise InputError("flow_design", "capsule_radius", wanted, f"a/l = {here.size_ratio:.4g}")
+    centre, limit = expectation.centre, expected_range(model, expectation)
+    check_model(model, experiment)
     expected_modulus = float(centre.surface_shear_modulus[0])
     predictor = WidthPredictor(
         model, experiment, errors, prior=prior, surface_shear_modulus=expected_modulus, noises=noises
     )
-    capsules = expectation.drawn(np.random.default_rng(seed), _DRAWS)
+    capsules = expectation.drawn(np.random.default_rng(seed), _CAPSULES)
     with threadpool_limits(limits=1):
         table = WidthTable.of(predictor, capsules.size_ratio, progress)
     per_ca = float(
         imposed_velocity(viscosity=centre.viscosity[0], capillary_number=1.0, surface_shear_modulus=expected_modulus)
     )
-    velocities = per_ca * here.inner(_POINTS)
+    velocities = per_ca * limit.inner(_VELOCITIES)
     expected = [
         _expected(velocity, table, capsules, centre, model, margin, experiment.cross_section) for velocity in velocities
     ]
@@ -217,8 +212,8 @@ def flow_design(
     return FlowDesign(
         points=points,
         best=min(allowed, key=lambda point: point.relative) if allowed else None,
-        limit=here,
-        limit_velocity=per_ca * here.highest,
+        limit=limit,
+        limit_velocity=per_ca * limit.highest,
         expectation=expectation,
         margin=margin,
         risk=risk,
@@ -226,6 +221,12 @@ def flow_design(
         seed=seed,
         status=status,
     )
+
+
+def check_risk(margin: float, risk: float) -> None:
+    """Refuse a margin or a risk that is no share."""
+    if not (0.0 <= margin < 1.0 and 0.0 <= risk < 1.0):
+        raise InputError("flow_design", "margin, risk", "shares from 0 to below 1", f"{margin:g}, {risk:g}")
 
 
 def _expected(
@@ -240,7 +241,7 @@ def _expected(
     """Return the expectation at one velocity, not yet marked as allowed."""
     ca, size = capsules.capillary_number(velocity), capsules.size_ratio
     has_shape = model.domain.contains(ca, size)
-    highest = table.highest(size)
+    highest = table.borders.at(size)[1]
     widths = {
         name: float(np.mean(width[has_shape])) if has_shape.any() else np.nan
         for name, width in table.at(ca, size).items()
@@ -266,3 +267,66 @@ def _judged(expected: list[FlowPoint], risk: float) -> tuple[tuple[FlowPoint, ..
     status = Status.DONE if any(measured) else Status.LEANS_ON_BORDER if any(below) else Status.NO_FLOW_RATE
     chosen = measured if any(measured) else below
     return tuple(replace(point, allowed=fine) for point, fine in zip(expected, chosen, strict=True)), status
+
+
+# Table of expected widths over Ca and a/l, for many capsules at once
+
+_POINTS = 32  # along log Ca in each column
+_SPACING, _MOST = 0.015, 9  # of the columns, and how many
+_TAIL = 0.002  # of the sizes beyond either end of the columns
+_BORDERS = 65
+
+
+@dataclass(frozen=True, eq=False)
+class WidthTable:
+    """Table of widths: Ca along columns of constant a/l."""
+
+    columns: Floats  # (k,): a/l, rising
+    log_ca: Floats  # (k, m): points of each column, from end to end of the model there
+    values: dict[str, Floats]  # (k, m): the fields of `Width`
+    borders: Borders
+
+    @classmethod
+    def of(cls, predictor: WidthPredictor, sizes: Floats, progress: Progress | None = None) -> WidthTable:
+        """Compute the table for capsules of given sizes (n,), within the model."""
+        model = predictor.model
+        columns = _columns(model, sizes)
+        ca = np.stack([range_at(model, float(size)).inner(_POINTS) for size in columns])
+        places = [(row, column) for row in range(len(columns)) for column in range(_POINTS)]
+        shown = places if progress is None else progress(places, len(places), "expected widths")
+        widths = [predictor.at(float(ca[row, column]), float(columns[row])) for row, column in shown]
+        values = {
+            name: np.array([getattr(width, name) for width in widths]).reshape(ca.shape) for name in Width.names()
+        }
+        sizes = columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS)
+        return cls(columns, np.log(ca), values, Borders.of(model, sizes))
+
+    def at(self, ca: Floats, size: Floats) -> dict[str, Floats]:
+        """Interpolate the widths of capsules linearly in log Ca and a/l : (n,) arrays by name."""
+        size = np.clip(size, self.columns[0], self.columns[-1])
+        right = np.clip(np.searchsorted(self.columns, size), 1, max(len(self.columns) - 1, 1))
+        left = right - 1
+        if len(self.columns) == 1:
+            left = right = np.zeros(len(size), dtype=np.intp)
+        gap = self.columns[right] - self.columns[left]
+        share = np.where(gap > 0.0, (size - self.columns[left]) / np.where(gap > 0.0, gap, 1.0), 0.0)
+        widths = {}
+        for name, values in self.values.items():
+            by_column = np.stack([_along(np.log(ca), *pair) for pair in zip(self.log_ca, values, strict=True)])
+            each = np.arange(len(size))
+            widths[name] = (1.0 - share) * by_column[left, each] + share * by_column[right, each]
+        return widths
+
+
+def _along(log_ca: Floats, places: Floats, values: Floats) -> Floats:
+    known = np.isfinite(values)
+    return np.interp(log_ca, places[known], values[known])
+
+
+def _columns(model: ForwardModel, sizes: Floats) -> Floats:
+    """Return columns over the sizes within the model : (k,) array; one if all are of one size."""
+    first, last = model.domain.bounds[1]
+    low, high = np.clip(np.quantile(sizes, [_TAIL, 1.0 - _TAIL]), first, last)
+    if high - low < 1e-9:
+        return np.array([low])
+    return np.linspace(low, high, int(np.clip(np.ceil((high - low) / _SPACING) + 1, 2, _MOST)))

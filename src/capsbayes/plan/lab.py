@@ -1,18 +1,21 @@
-"""The errors of a laboratory's inputs, and the range of the model at them."""
+"""The errors of a laboratory, the capsules that it expects, and the range of Ca of a model for them."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
 
+from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
+from capsbayes.experiment import Experiment, capillary_number, size_ratio
+from capsbayes.infer.log_grid import LogGrid
+from capsbayes.infer.prior import Inputs
 from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Given, Quantity
-
-# Measuring errors of a lab, and the measurement that a given shape would lead to
 
 _SURE = 1e-6  # relative error of a flow rate that is stated without one
 
@@ -115,17 +118,8 @@ class LabErrors:
         outline: Floats | None = None,
         flow_rate: float | None = None,
     ) -> Measurement:
-        """Return a measurement of given lengths, and of an outline and a flow rate if these are given.
-
-        Parameters
-        ----------
-        lengths : (2,) array [l or m]
-            L_z and L_a; L_a is limited to L_z where noise makes it longer.
-        capsule_velocity : float [m/s]
-        outline : (m, 2) array, optional [l]
-        flow_rate : float, optional [m^3/s]
-            Ignored if no error of the flow rate is stated.
-        """
+        """Return a measurement of lengths L_z and L_a (2,) [l or m], and of an outline (m, 2) [l] if it is given."""
+        # L_a is limited to L_z where noise makes it longer; a flow rate without a stated error is ignored.
         extent = float(lengths[0])
         noise = None if outline is None else self.outline
         rate = flow_rate if self.flow_rate is not None else None
@@ -146,7 +140,7 @@ class LabErrors:
     def as_dict(self) -> dict[str, float | str | None]:
         """Return the fields with their unit, for files."""
         unit = "l" if self.over_half_width else "m"
-        found: dict[str, float | str | None] = {
+        fields: dict[str, float | str | None] = {
             "axial_extent": self.axial_extent,
             "axial_length": self.axial_length,
             "unit_of_lengths": unit,
@@ -154,8 +148,8 @@ class LabErrors:
             "capsule_velocity_relative": self.capsule_velocity,
         }
         if self.outline is not None:
-            found |= {"outline": self.outline.scale, "outline_correlation": self.outline.correlation_length}
-        return found if self.flow_rate is None else found | {"flow_rate_relative": self.flow_rate}
+            fields |= {"outline": self.outline.scale, "outline_correlation": self.outline.correlation_length}
+        return fields if self.flow_rate is None else fields | {"flow_rate_relative": self.flow_rate}
 
 
 def root_of(covariance: Floats) -> Floats:
@@ -163,6 +157,125 @@ def root_of(covariance: Floats) -> Floats:
     # Eigenvectors and singular vectors would do, but their signs depend on the processor.
     ridge = 1e-14 * np.diag(covariance).max() + np.finfo(np.float64).tiny
     return np.asarray(np.linalg.cholesky(covariance + ridge * np.eye(len(covariance))))
+
+
+def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabErrors) -> dict[str, str]:
+    """Return model, experiment and errors as attributes of a file."""
+    known = {"half_width": experiment.half_width, "viscosity": experiment.viscosity}
+    lab = {
+        name: {"value": quantity.mean, "error": quantity.sd, "unit": quantity.unit} for name, quantity in known.items()
+    }
+    return {
+        "model": model.name,
+        "model_sha256": model.sha256,
+        "cross_section": experiment.cross_section,
+        "experiment": json.dumps(lab),
+        "errors": json.dumps(errors.as_dict()),
+        "version": __version__,
+    }
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Value and standard error of one input."""
+
+    name: str  # as in `capsbayes.parameters`
+    value: float
+    error: float
+    unit: str  # SI, or "l" for lengths over the half width
+
+
+def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
+    """Return the numeric inputs of a measurement; an outline replaces the lengths."""
+    known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
+    if inputs.flow_rate is not None and inputs.by_flow_rate:
+        del known["capsule_velocity"]
+        known["flow_rate"] = inputs.flow_rate, "m^3/s"
+    known["half_width"] = (inputs.half_width, "m")
+    settings = {name: Setting(name, quantity.value, quantity.error, unit) for name, (quantity, unit) in known.items()}
+    unit = "l" if measurement.over_half_width else "m"
+    if measurement.outline is None:
+        pair = measurement.axial_extent, measurement.axial_extent_error
+        settings["axial_extent"] = Setting("axial_extent", *pair, unit)
+    if measurement.outline is None or measurement.length_with_outline is not None:
+        length, error = measurement.axial_length, measurement.axial_length_error
+        if length is not None and error is not None:
+            settings["axial_length"] = Setting("axial_length", length, error, unit)
+    return settings
+
+
+# Capsules expected in an experiment, and its conditions, before anything is measured
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Independent draws of capsules, of the liquid and of the channel : (n,) arrays, SI."""
+
+    surface_shear_modulus: Floats
+    capsule_radius: Floats
+    viscosity: Floats
+    half_width: Floats
+
+    @property
+    def size_ratio(self) -> Floats:
+        """a/l of each : (n,) array."""
+        return size_ratio(capsule_radius=self.capsule_radius, half_width=self.half_width)
+
+    def capillary_number(self, mean_velocity: float) -> Floats:
+        """Return Ca of each at one mean velocity of the flow [m/s] : (n,) array."""
+        return capillary_number(
+            viscosity=self.viscosity, mean_velocity=mean_velocity, surface_shear_modulus=self.surface_shear_modulus
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Expected G_s and a, with what is known of liquid and channel.
+
+    >>> lab = Experiment(cross_section="square", half_width=25e-6, viscosity=0.8)
+    >>> soon = Expectation.of("50 +/- 10 mN/m", 24e-6, lab)
+    >>> soon.known, round(soon.centre.size_ratio.item(), 3)
+    (False, 0.96)
+    """
+
+    surface_shear_modulus: Quantity
+    capsule_radius: Quantity
+    viscosity: Quantity
+    half_width: Quantity
+
+    @classmethod
+    def of(cls, surface_shear_modulus: Given, capsule_radius: Given, experiment: Experiment) -> Expectation:
+        """Return what is expected under the conditions of an experiment; refuse a G_s or a that is not positive."""
+        return cls(
+            Quantity.of(surface_shear_modulus, "surface_shear_modulus", where="expected"),
+            Quantity.of(capsule_radius, "capsule_radius", where="expected"),
+            experiment.viscosity,
+            experiment.half_width,
+        )
+
+    @property
+    def known(self) -> bool:
+        """True if all values are known without error."""
+        return all(quantity.known for quantity in self._all.values())
+
+    @property
+    def centre(self) -> Draws:
+        """Capsule with the expected values."""
+        return Draws(**{name: np.array([quantity.value]) for name, quantity in self._all.items()})
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Draws:
+        """Draw independently; one draw if all is known."""
+        if self.known:
+            return self.centre
+        return Draws(**{name: LogGrid.of(quantity).drawn(rng, count) for name, quantity in self._all.items()})
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """Return mean and standard deviation of each, SI."""
+        return {name: {"value": quantity.value, "error": quantity.error} for name, quantity in self._all.items()}
+
+    @property
+    def _all(self) -> dict[str, Quantity]:
+        return {name: getattr(self, name) for name in Draws.__dataclass_fields__}
 
 
 # Range of capillary numbers in which a model has shapes of one size
@@ -200,9 +313,19 @@ def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
     return CaRange(size_ratio, float(ca[within[0]]), highest, model.domain.is_limit_of_existence(size_ratio))
 
 
+def expected_range(model: ForwardModel, expectation: Expectation) -> CaRange:
+    """Return the range of Ca of a model at the expected size; refuse a size that it does not have."""
+    at_size = range_at(model, float(expectation.centre.size_ratio[0]))
+    if at_size.empty:
+        low, high = model.domain.bounds[1]
+        wanted = f"a radius between {low:.4g} and {high:.4g} l, as {model.name} has them"
+        raise InputError("flow_design", "capsule_radius", wanted, f"a/l = {at_size.size_ratio:.4g}")
+    return at_size
+
+
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Range of Ca of a model over a/l, to be read at many capsules."""
+    """Range of Ca of a model over a/l."""
 
     sizes: Floats  # (b,): a/l, rising
     lowest: Floats  # (b,): end of the model there
@@ -212,7 +335,7 @@ class Borders:
     def of(cls, model: ForwardModel, sizes: Floats) -> Borders:
         """Return those of a model at sizes (b,) that it has."""
         ranges = [range_at(model, float(size)) for size in sizes]
-        return cls(sizes, *(np.array([getattr(one, end) for one in ranges]) for end in ("lowest", "highest")))
+        return cls(sizes, np.array([each.lowest for each in ranges]), np.array([each.highest for each in ranges]))
 
     def at(self, size: Floats) -> tuple[Floats, Floats]:
         """Return the lowest and the highest Ca at sizes : (n,) arrays."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -19,27 +17,21 @@ from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment, bending, imposed_velocity
 from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Lengths, Start, Unknowns, key_of
-from capsbayes.infer.importance import ExactEngine, exact_engine
 from capsbayes.infer.prior import THICKNESS, Membrane, Prior
 from capsbayes.infer.shared_membrane import ONE_CAPSULE, capsules_of, step_of_all, unknowns_of
-from capsbayes.measurement import Measurement
 from capsbayes.membrane_database import lowest_ca
-from capsbayes.model import FixedParameters, ForwardModel
-from capsbayes.plan.flow import MARGIN, RISK, flow_rate
-from capsbayes.plan.lab import Borders, LabErrors, range_at
-from capsbayes.plan.map import Progress, lab_attributes
-from capsbayes.plan.widths import EACH, Draws, Expectation, ExpectedMembrane, noise_lattice, prior_widths
+from capsbayes.model import FixedParameters
+from capsbayes.plan.flow import MARGIN, RISK, check_risk, flow_rate
+from capsbayes.plan.lab import Borders, Draws, Expectation, LabErrors, expected_range, lab_attributes
+from capsbayes.plan.map import WITHIN, Progress, over_plane, plane_dataset
+from capsbayes.plan.widths import EACH, EVERY, ExpectedMembrane, WidthPredictor, noise_lattice, prior_widths
 from capsbayes.quantity import Given
-from capsbayes.run import step_of
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-
-# Flow rates at which to film a batch whose membrane is unknown, and what they are expected to tell
 
 
 @dataclass(frozen=True)
@@ -95,7 +87,7 @@ class MembraneFlowDesign:
         """Return a row for each velocity, SI."""
         import pandas as pd
 
-        return pd.DataFrame([asdict(one) for one in self.risks])
+        return pd.DataFrame([asdict(risk) for risk in self.risks])
 
     def as_dict(self) -> dict[str, Any]:
         """Return all fields, ready for JSON."""
@@ -106,7 +98,7 @@ class MembraneFlowDesign:
             "same_capsule": self.same_capsule,
             "membrane": dict(self.membrane),
             "expected": self.expectation.as_dict(),
-            "sets": [asdict(one) for one in self.sets],
+            "sets": [asdict(planned) for planned in self.sets],
             "for_law": None if self.for_law is None else asdict(self.for_law),
             "prior_sds": dict(self.prior_sds),
             "limits": {
@@ -115,17 +107,13 @@ class MembraneFlowDesign:
                 "risk": self.risk,
                 "outside_sizes": self.outside,
             },
-            "velocities": [asdict(one) for one in self.risks],
+            "velocities": [asdict(risk) for risk in self.risks],
             "seed": self.seed,
             **self.lab,
         }
 
 
-# Capsules of a batch that is yet to be filmed, at several flow rates, as they would be measured without noise
-
 _MOST = 12  # different capsules of one flow rate
-EVERY = 4
-"""Vertices of a predicted outline for one that is measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,23 +173,23 @@ class PlannedBatch:
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
         return cls(capsules, own[rows], flow[rows], means, known, scores)
 
-    def told_by(self, flows: Sequence[int], count: int) -> ExpectedMembrane:
-        """Return what so many capsules tell, filmed in equal shares at some of the flow rates."""
+    def expected_from(self, flows: Sequence[int], count: int) -> ExpectedMembrane:
+        """Return what so many capsules, filmed in equal shares at some of the flow rates, tell of the membrane."""
         shares = np.array_split(np.arange(max(count, len(flows))), len(flows))
         rows = np.concatenate([self._rows(k, len(share)) for k, share in zip(flows, shares, strict=True)])
         own, point = self.own[rows], self.scores[None]
         common = np.zeros((1, COMMON))
         common[0, [MODULUS, SIZE]] = self.means
-        some = replace(self.capsules, batch=self.capsules.batch.taken(rows))
-        known = some.with_model_error(self.unknowns.membranes(point), own)
+        filmed = replace(self.capsules, batch=self.capsules.batch.taken(rows))
+        filmed = filmed.with_model_error(self.unknowns.membranes(point), own)
         values = Start(own[None], common)
-        step = step_of_all(known, self.unknowns, point, values)
-        return ExpectedMembrane(known, self.unknowns, self.scores, values, step.covariance[0])
+        step = step_of_all(filmed, self.unknowns, point, values)
+        return ExpectedMembrane(filmed, self.unknowns, self.scores, values, step.covariance[0])
 
     def _rows(self, flow: int, count: int) -> Integers:
         """Return rows of capsules at a flow rate, spread over the population, some several times if they are few."""
-        there = np.flatnonzero(self.flow == flow)
-        return there[(2 * np.arange(count) + 1) * len(there) // (2 * count)]
+        rows = np.flatnonzero(self.flow == flow)
+        return rows[(2 * np.arange(count) + 1) * len(rows) // (2 * count)]
 
 
 def spreads_of(expectation: Expectation, *, same_capsule: bool) -> tuple[float, float]:
@@ -213,8 +201,6 @@ def spreads_of(expectation: Expectation, *, same_capsule: bool) -> tuple[float, 
     return max(modulus.sd / modulus.mean, ONE_CAPSULE[0]), max(of_size, ONE_CAPSULE[1])
 
 
-# Choice of the flow rates at which a batch tells its unknown membrane and its shear modulus best.
-#
 # For each set of flow rates, out of some in equal ratios, the information of the measurements is computed at the
 # membrane that is expected; the best sets are those with the least variance of the mean of ln G_s, and with the least
 # volume of the covariance of K and h. Of these the posterior is sampled that measurements without noise would have
@@ -223,7 +209,9 @@ MOST_FLOWS = 5
 """Flow rates that are sought together."""
 
 _CANDIDATES = 10  # flow rates of which sets are made
-_POINTS, _DRAWS, _BORDERS = 96, 4000, 33  # velocities; capsules; sizes at which the ends of the model are found
+_VELOCITIES = 96
+_CAPSULES = 4000  # drawn
+_BORDERS = 33  # sizes at which the ends of the model are found
 _NEAREST = 0.01  # share of the prior beyond the membrane that is expected, at least
 _LAW = ("area_dilation_modulus", "strain_hardening")
 
@@ -300,20 +288,27 @@ def membrane_flow_design(
     expectation = Expectation.of(surface_shear_modulus, capsule_radius, experiment)
     scores, count = expected_scores(unknowns, guess, model), 1 if same_capsule else capsules
     expected = membrane_at(unknowns, scores, expectation)
-    drawn = expectation.drawn(np.random.default_rng(seed), _DRAWS)
+    drawn = expectation.drawn(np.random.default_rng(seed), _CAPSULES)
     with threadpool_limits(limits=1):
         risks, outside = _risks(model.fixed(**expected), expectation, drawn, experiment.cross_section, margin)
-        safe = [one.mean_velocity for one in risks if max(one.beyond_margin, one.below) <= risk]
+        safe = [each.mean_velocity for each in risks if max(each.beyond_margin, each.below) <= risk]
         tried = np.array(velocities or (np.geomspace(safe[0], safe[-1], _CANDIDATES) if safe else ()))
-        lab = expectation, tried, errors, experiment, model, unknowns, scores
-        batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error) if len(tried) else None
-        wanted = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
-        shown = wanted if progress is None else progress(wanted, len(wanted), "sets of flow rates")
-        told = {} if batch is None else {some: batch.told_by(some, count) for some in shown}
-        sets, for_law = _best(told, partial(_planned, tried, expectation, experiment))
+        numbers = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
+        membranes = {}
+        if len(tried):
+            lab = expectation, tried, errors, experiment, model, unknowns, scores
+            batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error)
+            shown = numbers if progress is None else progress(numbers, len(numbers), "sets of flow rates")
+            membranes = {filmed: batch.expected_from(filmed, count) for filmed in shown}
+        best, best_for_law = best_sets(membranes)
+        planned = {
+            filmed: _planned(tried[list(filmed)], membranes[filmed], expectation, experiment)
+            for filmed in {*best, *best_for_law}
+        }
+        sets = tuple(planned[filmed] for filmed in best)
     return MembraneFlowDesign(
         sets=sets,
-        for_law=for_law,
+        for_law=planned[best_for_law[0]] if best_for_law else None,
         prior_sds=prior_widths(unknowns),
         risks=tuple(risks),
         limits=(safe[0], safe[-1]) if safe else None,
@@ -346,8 +341,7 @@ def expected_scores(unknowns: Unknowns, guess: Membrane | None, model: MembraneS
 
 
 def _check(errors: LabErrors, capsules: int, flows: int, margin: float, risk: float) -> None:
-    if not (0.0 <= margin < 1.0 and 0.0 <= risk < 1.0):
-        raise InputError("flow_design", "margin, risk", "shares from 0 to below 1", f"{margin:g}, {risk:g}")
+    check_risk(margin, risk)
     check_lengths(errors, "flow_design")
     if not (1 <= flows <= MOST_FLOWS and capsules >= 1):
         expected = f"1 to {MOST_FLOWS} flow rates and at least one capsule"
@@ -363,11 +357,11 @@ def check_lengths(errors: LabErrors, where: str) -> None:
 
 def membrane_at(unknowns: Unknowns, scores: Floats, expectation: Expectation) -> dict[str, float]:
     """Return the parameters of the membrane, of the bending modulus that a thickness means at the expected radius."""
-    found = {name: float(values[0]) for name, values in unknowns.membranes(scores[None]).items()}
-    if THICKNESS in found:
-        thickness, radius = found.pop(THICKNESS), expectation.capsule_radius.value
-        found["bending"] = float(bending(membrane_thickness=thickness, capsule_radius=radius))
-    return found
+    membrane = {name: float(values[0]) for name, values in unknowns.membranes(scores[None]).items()}
+    if THICKNESS in membrane:
+        thickness, radius = membrane.pop(THICKNESS), expectation.capsule_radius.value
+        membrane["bending"] = float(bending(membrane_thickness=thickness, capsule_radius=radius))
+    return membrane
 
 
 def _risks(
@@ -376,17 +370,19 @@ def _risks(
     """Return the risks over the velocities of the flow, and the probability of a size that the model does not have."""
     first, last = model.domain.bounds[1]
     centre, inside = expectation.centre, (drawn.size_ratio >= first) & (drawn.size_ratio <= last)
-    here = range_at(model, float(centre.size_ratio[0]))
-    if here.empty:
-        wanted = f"a radius between {first:.4g} and {last:.4g} l, as {model.name} has them"
-        raise InputError("flow_design", "capsule_radius", wanted, f"a/l = {here.size_ratio:.4g}")
+    limit = expected_range(model, expectation)
     sizes = drawn.size_ratio[inside]
     borders = Borders.of(model, np.unique(np.linspace(sizes.min(), sizes.max(), _BORDERS)))
     lowest, highest = borders.at(drawn.size_ratio)
-    found = []
-    for velocity in _velocities(here.inner(_POINTS), centre):
+    velocities = imposed_velocity(
+        viscosity=centre.viscosity,
+        capillary_number=limit.inner(_VELOCITIES),
+        surface_shear_modulus=centre.surface_shear_modulus,
+    )
+    risks = []
+    for velocity in velocities:
         ca = drawn.capillary_number(velocity)
-        found.append(
+        risks.append(
             FlowRisk(
                 mean_velocity=float(velocity),
                 flow_rate=flow_rate(float(velocity), float(centre.half_width[0]), cross_section),
@@ -397,48 +393,34 @@ def _risks(
                 without_shape=float(np.mean(~model.domain.contains(ca, drawn.size_ratio))),
             )
         )
-    return found, float(np.mean(~inside))
-
-
-def _velocities(capillary_number: Floats, centre: Draws) -> Floats:
-    return imposed_velocity(
-        viscosity=centre.viscosity,
-        capillary_number=capillary_number,
-        surface_shear_modulus=centre.surface_shear_modulus,
-    )
+    return risks, float(np.mean(~inside))
 
 
 def _sets(count: int, flows: int) -> list[tuple[int, ...]]:
     """Return all sets of one to `flows` numbers below a count."""
-    return [some for number in range(1, flows + 1) for some in combinations(range(count), number)]
+    return [numbers for size in range(1, flows + 1) for numbers in combinations(range(count), size)]
 
 
-def _best(
-    told: Mapping[tuple[int, ...], ExpectedMembrane],
-    planned: Callable[[tuple[int, ...], ExpectedMembrane], PlannedFlows],
-) -> tuple[tuple[PlannedFlows, ...], PlannedFlows | None]:
-    """Return of each number of flow rates the best set for G_s, and of the largest number that for the law."""
-    sets, for_law = [], None
-    for number in sorted({len(some) for some in told}):
-        alike = [some for some in told if len(some) == number]
-        best = min(alike, key=lambda some: told[some].log_modulus_variance)
-        sets.append(planned(best, told[best]))
-    if len(told) > 1 and told[best].seeks(*_LAW):
-        lawful = min(alike, key=lambda some: told[some].log_volume(*_LAW))
-        for_law = sets[-1] if lawful == best else planned(lawful, told[lawful])
-    return tuple(sets), for_law
+def best_sets(
+    expected: Mapping[tuple[int, ...], ExpectedMembrane],
+) -> tuple[list[tuple[int, ...]], list[tuple[int, ...]]]:
+    """Return the best set for G_s of each number of flow rates, and of the largest number that for the law, if any."""
+    by_size: dict[int, list[tuple[int, ...]]] = {}
+    for flows in expected:
+        by_size.setdefault(len(flows), []).append(flows)
+    for_modulus = [
+        min(by_size[size], key=lambda flows: expected[flows].log_modulus_variance) for size in sorted(by_size)
+    ]
+    if len(expected) < 2 or not expected[for_modulus[-1]].seeks(*_LAW):
+        return for_modulus, []
+    return for_modulus, [min(by_size[max(by_size)], key=lambda flows: expected[flows].log_volume(*_LAW))]
 
 
 def _planned(
-    velocities: Floats,
-    expectation: Expectation,
-    experiment: Experiment,
-    some: tuple[int, ...],
-    told: ExpectedMembrane,
+    speeds: Floats, expected: ExpectedMembrane, expectation: Expectation, experiment: Experiment
 ) -> PlannedFlows:
     """Return a set of flow rates with the widths that are expected, errors of viscosity and half width included."""
-    speeds = velocities[list(some)]
-    sds = told.widths()
+    sds = expected.widths()
     of_inputs = {"surface_shear_modulus": experiment.viscosity, EACH: experiment.viscosity}
     of_inputs |= {"capsule_radius": experiment.half_width}
     for name, quantity in of_inputs.items():
@@ -450,13 +432,12 @@ def _planned(
         flow_rates=tuple(flow_rate(float(speed), width, experiment.cross_section) for speed in speeds),
         capillary_numbers=tuple(float(expectation.centre.capillary_number(speed)[0]) for speed in speeds),
         sds=sds,
-        sd_if_known=float(np.hypot(np.sqrt(told.given_membrane[MODULUS, MODULUS]), viscosity)),
+        sd_if_known=float(np.hypot(np.sqrt(expected.given_membrane[MODULUS, MODULUS]), viscosity)),
     )
 
 
-# Map of what one capsule tells of its shear modulus with the membrane unknown, next to that with it known.
-#
-# Each point is the posterior of a measurement without noise, by the engine that identifies single capsules
+# Map of what one capsule tells of its shear modulus with the membrane unknown, next to that with it known. Each point
+# is the posterior of a measurement without noise
 
 MEMBRANE_GRID = (10, 6)
 """Points along log Ca and along a/l."""
@@ -468,7 +449,6 @@ UNKNOWN, KNOWN = "unknown", "known"
 """Of the membrane, as variables of the map begin."""
 
 _MODULUS = 0.05  # N/m; the map does not depend on it
-_WITHIN = 1e-9  # margin that keeps the ends of the grid inside the domain despite rounding
 
 
 def membrane_map(
@@ -498,79 +478,32 @@ def membrane_map(
     fixed = model.fixed(**expected)
     (low, high), sizes = model.domain.bounds
     lowest = max(low, float(lowest_ca(expected["pre_inflation"])))
-    ca, size = np.geomspace(lowest, (1.0 - _WITHIN) * high, grid[0]), np.linspace(*sizes, grid[1])
-    inside = np.stack([fixed.domain.contains(ca, np.full(len(ca), ratio)) for ratio in size])
+    ca, size = np.geomspace(lowest, (1.0 - WITHIN) * high, grid[0]), np.linspace(*sizes, grid[1])
     applied, believed = (membrane or Membrane()).applied(model, prior or Prior())
-    engines = {
-        UNKNOWN: exact_engine(applied, experiment, believed),
-        KNOWN: exact_engine(fixed, replace(experiment, membrane_thickness=None)),
+    of_expected = replace(experiment, membrane_thickness=None)
+    predictors = {
+        UNKNOWN: WidthPredictor(applied, experiment, errors, prior=believed, surface_shear_modulus=_MODULUS),
+        KNOWN: WidthPredictor(fixed, of_expected, errors, surface_shear_modulus=_MODULUS),
     }
     kinds = ("lengths", "outline") if errors.outline is not None else ("lengths",)
-    found = {f"{known}_{kind}": np.full(inside.shape, np.nan) for kind in kinds for known in engines}
-    points = list(zip(*np.nonzero(inside), strict=True))
-    with threadpool_limits(limits=1):
-        for row, column in points if progress is None else progress(points, len(points), "points of the map"):
-            seen = _measured(fixed, float(ca[column]), float(size[row]), errors, experiment)
-            for name, values in found.items():
-                known, kind = name.split("_")
-                values[row, column] = _log_modulus_sd(engines[known], seen[kind])
-    ranges = [range_at(fixed, float(ratio)) for ratio in size]
-    borders = {end: np.array([getattr(one, end) for one in ranges]) for end in ("lowest", "highest")}
+    words = {
+        f"{known}_{kind}": f"standard deviation of ln G_s by {MEASURED[kind]}, membrane {known}"
+        for kind in kinds
+        for known in predictors
+    }
+
+    def sds(*place: float) -> dict[str, float]:
+        seen = {kind: predictors[KNOWN].without_noise(*place, outline=kind == "outline") for kind in kinds}
+        return {
+            f"{known}_{kind}": predictors[known].log_modulus_sd(seen[kind]) for kind in kinds for known in predictors
+        }
+
+    values, _ = over_plane(fixed, ca, size, words, sds, progress=progress)
+    variables = {name: (values[name], words[name]) for name in words}
     attributes = lab_attributes(model, experiment, errors) | {"membrane": json.dumps(expected)}
-    return _dataset(ca, size, found, borders, attributes)
+    return plane_dataset(fixed, ca, size, variables, attributes)
 
 
 def model_middle(model: MembraneSurrogate, experiment: Experiment) -> float:
     """Return the radius in the middle of those that a model has [m]."""
     return float(np.mean(model.domain.bounds[1])) * experiment.half_width.value
-
-
-def _measured(
-    model: ForwardModel, ca: float, size: float, errors: LabErrors, experiment: Experiment
-) -> dict[str, Measurement]:
-    """Return what is measured of a capsule without noise: its lengths alone, and its outline too."""
-    there = model.at(capillary_number=ca, size_ratio=size, outline=True)
-    assert there.outline is not None, "asked for"
-    viscosity = experiment.viscosity.value
-    speed = float(imposed_velocity(viscosity=viscosity, capillary_number=ca, surface_shear_modulus=_MODULUS))
-    rate = flow_rate(speed, experiment.half_width.value, experiment.cross_section)
-    velocity, lengths = speed * float(there.velocity_ratio[0]), there.values[0, :2]
-    outline = there.outline[0, ::EVERY]
-    return {
-        "lengths": errors.measured(lengths, velocity, flow_rate=rate),
-        "outline": errors.measured(lengths, velocity, outline, rate),
-    }
-
-
-class _Width(NamedTuple):
-    sd: float
-
-
-def _log_modulus_sd(engine: ExactEngine, seen: Measurement) -> float:
-    """Return the standard deviation of ln G_s; NaN where the measurement has no posterior."""
-
-    def compute() -> _Width:
-        with contextlib.suppress(InputError):
-            return _Width(engine(seen).log_marginal("surface_shear_modulus").sd)
-        return _Width(np.nan)
-
-    return step_of(_Width, ("membrane map", engine.model.sha256, engine.prior, engine.experiment, seen), compute).sd
-
-
-def _dataset(
-    ca: Floats, size: Floats, found: dict[str, Floats], borders: dict[str, Floats], attributes: dict[str, str]
-) -> xr.Dataset:
-    import xarray as xr
-
-    variables: dict[str, Any] = {}
-    for name, values in found.items():
-        known, kind = name.split("_")
-        words = f"standard deviation of ln G_s by {MEASURED[kind]}, membrane {known}"
-        variables[name] = (("size_ratio", "capillary_number"), values, {"units": "-", "long_name": words})
-    for end, values in borders.items():
-        variables[end] = ("size_ratio", values, {"units": "-", "long_name": f"{end} Ca"})
-    places = {
-        "capillary_number": ("capillary_number", ca, {"units": "-", "long_name": "Ca, mu U / G_s"}),
-        "size_ratio": ("size_ratio", size, {"units": "-", "long_name": "a/l"}),
-    }
-    return xr.Dataset(variables, places, attributes)

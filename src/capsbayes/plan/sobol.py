@@ -7,18 +7,19 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.stats import norm, qmc
 
 from capsbayes import __version__
 from capsbayes.arguments import checked
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Experiment, capsule_radius, mean_velocity, surface_shear_modulus
 from capsbayes.infer.prior import Inputs
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, STATED
-from capsbayes.plan.map import ANSWERS, Answerer, settings_of
+from capsbayes.plan.lab import settings_of
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
@@ -26,9 +27,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-# Sobol indices of each answer by each input, with the ranges that they hold for
-
 CONFIDENCE = 0.95
+
+ANSWERS = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
+"""Quantities answered, as in `capsbayes.parameters`."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +95,10 @@ class SobolStudy:
         }
 
 
-# Sobol indices of the paper's deterministic answer: the share of its variance that each input causes.
-#
 # The estimators compare answers in groups of samples that share all inputs but one, so that no sample may be missing.
 # Lengths that belong to no capsule of the database therefore get the answer of the nearest shape that does. The study
-# also gives the change of the indices when all groups with such a sample are omitted; those indices are biased too,
-# since
-# the inputs that remain are no longer independent
+# also gives the change of the indices when all groups with such a sample are omitted; those are biased too, since the
+# inputs that remain are no longer independent
 
 SAMPLES = 1024
 """Groups of samples; each takes as many answers as inputs vary, and two."""
@@ -154,13 +153,11 @@ def sobol_indices(
     model.check_experiment(experiment)
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
-    answerer = Answerer.of(model, measurement, inputs, {name: quantity.error for name, quantity in varied.items()})
+    answerer = Answerer(model, measurement, inputs, {name: quantity.error for name, quantity in varied.items()})
     rows = _sampled(varied, samples, seed)
     answers, outside = answerer(dict(zip(varied, rows.reshape(-1, len(varied)).T, strict=True)))
-    values, outside = (
-        {name: answer.reshape(samples, -1) for name, answer in answers.items()},
-        outside.reshape(samples, -1),
-    )
+    values = {name: answer.reshape(samples, -1) for name, answer in answers.items()}
+    outside = outside.reshape(samples, -1)
     return SobolStudy(
         ranges=varied,
         indices={name: _indices(varied, values[name], seed + 1) for name in ANSWERS},
@@ -196,13 +193,14 @@ def varied_range(given: Given, name: str, *, where: str = "ranges") -> Quantity:
     if name not in _VARIED:
         raise InputError(where, name, f"one of {', '.join(_VARIED)}", "an unknown input")
     units = ("", "m") if name.startswith("axial") else (PARAMETERS[name].si,)
-    found = Quantity.of(given, name, where=where, units=units)
-    if found.known:
+    quantity = Quantity.of(given, name, where=where, units=units)
+    if quantity.known:
         raise InputError(where, name, f'a range like "{STATED[name].example}" or "low .. high"', repr(given))
-    if found.shape not in ("uniform", "normal") or (found.shape == "normal" and found.value <= 4.0 * found.error):
+    normal = quantity.shape == "normal"
+    if not (normal or quantity.shape == "uniform") or (normal and quantity.value <= 4.0 * quantity.error):
         expected = 'a range "low .. high", or a standard error below a quarter of the value'
-        raise InputError(where, name, expected, str(found))
-    return found
+        raise InputError(where, name, expected, str(quantity))
+    return quantity
 
 
 def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Given]) -> dict[str, Quantity]:
@@ -270,3 +268,68 @@ def _change(values: Mapping[str, Floats], outside: Booleans) -> float:
         return float("nan")
     both = (values[answer] for answer in ("surface_shear_modulus", "capsule_radius"))
     return max(float(np.abs(_estimated(samples[kept]) - _estimated(samples)).max()) for samples in both)
+
+
+# The paper's deterministic answer for many samples of the inputs, with the nearest shape where there is none
+
+_LATTICE = (400, 240)  # of the shapes among which the nearest is sought, along log Ca and a/l
+
+
+class Answerer:
+    """Deterministic answer as a function of all inputs, by a model with a database of (Ca, a/l)."""
+
+    def __init__(self, model: ForwardModel, measurement: Measurement, inputs: Inputs, sds: Mapping[str, float]) -> None:
+        if model.database is None or model.coordinates:
+            raise InputError("sobol", "model", "a database of (Ca, a/l), as the paper's procedure needs", model.name)
+        self.model, self.database, self.inputs = model, model.database, inputs
+        self.over_half_width = measurement.over_half_width
+        speed = "flow_rate" if inputs.by_flow_rate else "capsule_velocity"
+        known = {name: getattr(inputs, name).value for name in ("viscosity", "half_width", speed)}
+        lengths = {name: float(getattr(measurement, name)) for name in ("axial_extent", "axial_length")}
+        self.centre = known | lengths  # values of the inputs that a sample does not state
+        scale = 1.0 if self.over_half_width else known["half_width"]
+        relative = 0.0 if self.over_half_width else sds.get("half_width", 0.0) / known["half_width"]
+        own = [np.hypot(sds.get(name, 0.0), relative * length) / scale for name, length in lengths.items()]
+        self._scales = np.maximum(own, 0.1 * max(*own, 1e-6))  # of the lengths: over these, shapes are near or far
+
+    def __call__(self, samples: Mapping[str, Floats]) -> tuple[dict[str, Floats], Booleans]:
+        """Return the answers by name [SI] to all samples (n,), and whether each is that of the nearest shape."""
+        count = len(next(iter(samples.values())))
+        all_inputs = {name: samples.get(name, np.full(count, value)) for name, value in self.centre.items()}
+        scale = 1.0 if self.over_half_width else all_inputs["half_width"]
+        lengths = np.stack([all_inputs["axial_extent"], all_inputs["axial_length"]], axis=1)
+        lengths = lengths / np.reshape(scale, (-1, 1))
+        unique, which = np.unique(lengths, axis=0, return_inverse=True)
+        places, outside = self._places(unique)
+        ca, size, ratio = places[which.ravel()].T
+        if self.inputs.by_flow_rate:
+            flow = all_inputs["flow_rate"] / (self.inputs.area * all_inputs["half_width"] ** 2)
+        else:
+            flow = mean_velocity(capsule_velocity=all_inputs["capsule_velocity"], velocity_ratio=ratio)
+        modulus = surface_shear_modulus(viscosity=all_inputs["viscosity"], mean_velocity=flow, capillary_number=ca)
+        radius = capsule_radius(size_ratio=size, half_width=all_inputs["half_width"])
+        return dict(zip(ANSWERS, (modulus, radius, ca, size), strict=True)), outside[which.ravel()]
+
+    def _places(self, lengths: Floats) -> tuple[Floats, Booleans]:
+        """Return Ca, a/l and v_o/U (n, 3) of lengths (n, 2), and a mask of the answers of the nearest shape."""
+        from capsbayes.surrogate import inverse
+
+        procedure = inverse(self.database)
+        places = np.full((len(lengths), 3), np.nan)
+        for row in np.flatnonzero((lengths[:, 1] > 0.0) & (lengths[:, 1] <= lengths[:, 0])):
+            shape = procedure(axial_extent=float(lengths[row, 0]), axial_length=float(lengths[row, 1]))
+            places[row] = shape.capillary_number, shape.size_ratio, shape.velocity_ratio
+        outside = ~self.model.domain.contains(places[:, 0], places[:, 1])
+        if outside.any():
+            places[outside] = self._nearest(lengths[outside])
+        return places, outside
+
+    def _nearest(self, lengths: Floats) -> Floats:
+        """Return Ca, a/l and v_o/U (n, 3) of the shapes of a lattice over the domain that are nearest to lengths."""
+        (ca_low, ca_high), (size_low, size_high) = self.model.domain.bounds
+        ca, size = np.geomspace(ca_low, ca_high, _LATTICE[0]), np.linspace(size_low, size_high, _LATTICE[1])
+        ca, size = np.repeat(ca, len(size)), np.tile(size, len(ca))
+        shapes = self.model({"capillary_number": ca, "size_ratio": size})
+        places = np.stack([ca, size, shapes.velocity_ratio], axis=1)[shapes.inside]
+        tree = KDTree(shapes.values[shapes.inside, :2] / self._scales)
+        return places[np.asarray(tree.query(lengths / self._scales)[1])]

@@ -1,4 +1,4 @@
-"""Flow rates for a batch of unknown membrane: what is expected, compared with dense normal distributions and limits."""
+"""Plans for an unknown membrane, compared with dense normal distributions, limits, and capsules that are identified."""
 
 import json
 
@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
-from capsbayes.infer import Membrane
+from capsbayes.experiment import Experiment, imposed_velocity
+from capsbayes.infer import Membrane, identify
 from capsbayes.infer.conditional import MODULUS
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.shared_membrane import unknowns_of
 from capsbayes.measurement import OutlineNoise
-from capsbayes.plan import LabErrors, membrane_flow_design
+from capsbayes.plan import LabErrors, membrane_flow_design, membrane_map
+from capsbayes.plan.lab import Expectation
 from capsbayes.plan.membrane import PlannedBatch, expected_scores
-from capsbayes.plan.widths import Expectation
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
 
 LAB = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
 ERRORS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01, flow_rate=0.01)
+LENGTHS = LabErrors(axial_extent=0.01, axial_length=0.01, capsule_velocity=0.01)
 INFLATED = Membrane("neo-Hookean", bending=1e-4)
 """Of which the inflation is unknown alone."""
 
@@ -49,7 +50,7 @@ def batch(square):
 
 def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
     """All unknowns together, with differences of the model to first order: no Schur complement, no arrow."""
-    told = batch.told_by((0, 1), 6)
+    told = batch.expected_from((0, 1), 6)
     seen, own = told.capsules.batch, told.values.own[0]
     n = len(seen)
     spreads = told.unknowns.spreads
@@ -83,14 +84,14 @@ def test_the_curvature_is_that_of_a_dense_normal_distribution(batch, square):
 
 
 def test_capsules_and_flow_rates_tell_more_the_more_they_are(batch):
-    few, many = batch.told_by((1,), 3), batch.told_by((1,), 12)
+    few, many = batch.expected_from((1,), 3), batch.expected_from((1,), 12)
     assert many.log_modulus_variance < 0.9 * few.log_modulus_variance
-    assert batch.told_by((0, 1), 12).log_volume("pre_inflation") < many.log_volume("pre_inflation")
+    assert batch.expected_from((0, 1), 12).log_volume("pre_inflation") < many.log_volume("pre_inflation")
     assert not many.seeks("strain_hardening")
 
 
 def test_the_errors_that_all_share_are_not_averaged_away(batch):
-    variances = [batch.told_by((1,), count).log_modulus_variance for count in (400, 4000)]
+    variances = [batch.expected_from((1,), count).log_modulus_variance for count in (400, 4000)]
     assert variances[1] > ERRORS.flow_rate**2
     assert variances[1] > 0.2 * variances[0]  # a tenth, were all errors those of single capsules
 
@@ -190,3 +191,45 @@ def test_a_size_that_the_model_has_not_and_lengths_in_metres_are_refused(square)
     metres = LabErrors(0.5e-6, 0.01, 0.5e-6, over_half_width=False)
     with pytest.raises(InputError, match="those of lengths over l"):
         membrane_flow_design("50 mN/m", "23 um", LAB, metres, seed=1, model=square)
+
+
+# The map of one capsule with the membrane unknown is that of the engine that identifies it, wider than a known one
+
+SHEET = Membrane("Blatz-Ko", bending=1e-4)
+GUESS = {"pre_inflation": 0.03, "area_dilation_modulus": 3.0}
+
+
+@pytest.fixture(scope="module")
+def found(square):
+    return membrane_map(LAB, LENGTHS, model=square, membrane=SHEET, guess=Membrane(**GUESS), grid=(3, 2))
+
+
+def test_what_is_not_known_of_the_membrane_widens_g_s(found):
+    unknown, known = found["unknown_lengths"].to_numpy(), found["known_lengths"].to_numpy()
+    inside = np.isfinite(unknown)
+    assert inside.any()
+    np.testing.assert_array_equal(inside, np.isfinite(known))
+    assert np.all(known[inside] > 0.02 / 0.85)
+    assert np.median(unknown[inside] / known[inside]) > 1.2
+    ca = found["capillary_number"].to_numpy()
+    beyond = (ca < found["lowest"].to_numpy()[:, None]) | (ca > found["highest"].to_numpy()[:, None])
+    assert not np.any(inside & beyond)
+    assert "unknown_outline" not in found
+
+
+def test_a_point_is_the_width_of_the_capsule_that_is_identified(found, square):
+    row, column = (int(places[0]) for places in np.nonzero(np.isfinite(found["unknown_lengths"].to_numpy())))
+    ca, size = float(found["capillary_number"][column]), float(found["size_ratio"][row])
+    there = square.at(capillary_number=ca, size_ratio=size, strain_hardening=0.0, bending=1e-4, **GUESS)
+    speed = imposed_velocity(viscosity=0.85, capillary_number=ca, surface_shear_modulus=0.02)
+    seen = LENGTHS.measured(there.values[0, :2], float(speed * there.velocity_ratio[0]))
+    posterior = identify(seen, square, LAB, engine="quadrature", seed=1, membrane=SHEET)
+    assert float(found["unknown_lengths"][row, column]) == pytest.approx(posterior.log_modulus_sd, rel=0.05)
+
+
+def test_what_is_no_plane_is_refused(square):
+    with pytest.raises(InputError, match="grid: expected two points along each axis"):
+        membrane_map(LAB, LENGTHS, model=square, grid=(1, 5))
+    metres = LabErrors(0.5e-6, 0.01, 0.5e-6, over_half_width=False)
+    with pytest.raises(InputError, match="membrane_map: errors: expected those of lengths over l"):
+        membrane_map(LAB, metres, model=square)
