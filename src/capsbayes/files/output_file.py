@@ -30,21 +30,11 @@ RECORD = ".capsbayes.sha256"
 
 @dataclass(frozen=True)
 class Guard:
-    """Promise that holds while a command runs.
+    """Promise that holds while a command runs."""
 
-    Parameters
-    ----------
-    overwrite : bool
-        True if files that were not written here may be replaced.
-    inputs : set of (int, int)
-        Device and inode of each file that is read; never replaced.
-    updated : frozenset of (int, int)
-        Files that are read and written back with more in them.
-    """
-
-    overwrite: bool = False
-    inputs: set[tuple[int, int]] = field(default_factory=set)
-    updated: frozenset[tuple[int, int]] = frozenset()
+    overwrite: bool = False  # true if files that were not written here may be replaced
+    inputs: set[tuple[int, int]] = field(default_factory=set)  # device and inode of each; never replaced
+    updated: frozenset[tuple[int, int]] = frozenset()  # files that are read and written back with more in them
 
 
 _guard: ContextVar[Guard | None] = ContextVar("guard", default=None)
@@ -110,12 +100,7 @@ def is_ours(path: Path) -> bool:
 
 
 def check_replaceable(path: Path) -> None:
-    """Refuse a file whose replacement would destroy something.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a file whose replacement would destroy something."""
     guard = _guard.get()
     if path.is_dir():
         raise InputError(str(path), "", "the name of a file to write", "a folder")
@@ -132,38 +117,19 @@ def check_replaceable(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder with its parents, if it does not exist.
-
-    Raises
-    ------
-    InputError
-        If that is not possible.
-    """
+    """Make a folder with its parents, if it does not exist."""
     with refusing(path, "a folder that can be made"):
         path.mkdir(parents=True, exist_ok=True)
 
 
 def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
-    """Write a file whole or not at all; its folder is made if it does not exist.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, or under `guarded` would replace what must stay.
-    """
+    """Write a file whole or not at all; its folder is made if it does not exist."""
     raw = content.encode() if isinstance(content, str) else content
     return _written(Path(path), lambda place: place.write_bytes(raw))
 
 
 def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> Path:
-    """Write a file of text as `write_file` does, line by line, so that memory never holds all of it.
-
-    Parameters
-    ----------
-    path : path
-    lines : iterable of str
-        Each with its end.
-    """
+    """Write a file of text as `write_file` does, line by line, so that memory never holds all of it."""
 
     def write(place: Path) -> None:
         with place.open("wb") as file:
@@ -202,17 +168,7 @@ def write_dataset(
     encoding: Mapping[str, Any] | None = None,
     groups: Mapping[str, xr.Dataset] = MappingProxyType({}),
 ) -> Path:
-    """Write a dataset as a NetCDF file, as `write_file` does.
-
-    Parameters
-    ----------
-    path : path
-    dataset : xarray.Dataset
-    encoding : mapping, optional
-        As of `xarray.Dataset.to_netcdf`.
-    groups : mapping of str to xarray.Dataset
-        Further datasets, each in a group of its own.
-    """
+    """Write a dataset as a NetCDF file, as `write_file` does."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
@@ -230,15 +186,7 @@ def write_dataset(
 
 
 class _Lasting(io.RawIOBase):
-    """A file for HDF5, which ends the process where writing fails, as on a full disk.
-
-    From the first error on, the content is kept in memory.
-
-    Parameters
-    ----------
-    disk : file
-        Unbuffered.
-    """
+    """A file for HDF5, which ends the process where writing fails, as on a full disk."""
 
     def __init__(self, disk: io.FileIO) -> None:
         self._file: io.FileIO | io.BytesIO = disk

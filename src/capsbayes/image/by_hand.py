@@ -124,13 +124,7 @@ class ByHand:
         return 0 if self.rotate is None else int(self.rotate) // 90
 
     def part(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns that are analysed of a picture of a shape.
-
-        Raises
-        ------
-        InputError
-            If they are not within it.
-        """
+        """Return the rows and columns that are analysed of a picture of a shape."""
         rows, columns = shape
         if self.crop is None:
             return slice(0, rows), slice(0, columns)
@@ -143,13 +137,7 @@ class ByHand:
         return slice(top, bottom), slice(left, right)
 
     def erased_in_part(self, shape: tuple[int, int]) -> Floats | None:
-        """Return left, upper, right and lower limit of the boxes to erase, in coordinates of the part : (k, 4) array.
-
-        Raises
-        ------
-        InputError
-            If one of them is not within the picture.
-        """
+        """Return left, upper, right and lower limit of the boxes to erase in the part : (k, 4) array."""
         if self.erase is None:
             return None
         rows, columns = self.part(shape)
@@ -171,21 +159,7 @@ class ByHand:
         return found.moved(-columns.start, -rows.start).centred_at(0.5 * (columns.stop - columns.start - 1))
 
     def lines(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
-        """Return the walls in a picture of a shape, or None where they are to be found in it.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Rows and columns of the whole picture.
-        half_width : Quantity, optional [m]
-            Of the channel, which a pixel size needs.
-
-        Raises
-        ------
-        InputError
-            If the walls cross or are not parallel, or walls or axis lie outside the picture, or the half width is
-            missing.
-        """
+        """Return the walls in a picture of a shape, or None where they are to be found in it."""
         if self.walls is not None:
             return self._stated_walls(shape)
         return None if self.pixel_size is None else self._around_axis(shape, self.pixel_size, half_width)

@@ -37,44 +37,17 @@ _CLOSED, _OPTIONS, _POINTS, _SUB_PIXEL, _WITH_FLOATS = (0, 7, 8), 50, 64, 128, 2
 
 @dataclass(frozen=True, eq=False)
 class ContourFile:
-    """Points of a closed contour.
+    """Points of a closed contour."""
 
-    Parameters
-    ----------
-    points : (n, 2) array
-        Columns (x, y), x along the channel.
-    unit : str
-        ``"px"`` or ``"um"``.
-    source, sha256 : str
-        File and its hash.
-    along_borders : bool
-        True if whole numbers are known to be borders between pixels, not centres of pixels.
-    """
-
-    points: Floats
-    unit: str
+    points: Floats  # (n, 2): columns (x, y), x along the channel
+    unit: str  # ``"px"`` or ``"um"``
     source: str
     sha256: str
-    along_borders: bool = False
+    along_borders: bool = False  # true if whole numbers are known to be borders between pixels, not centres of pixels
 
     @classmethod
     def read(cls, path: str | Path, unit: str | None = None) -> ContourFile:
-        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe.
-
-        Parameters
-        ----------
-        path : path
-            File with the columns ``x_px`` and ``y_px``, or ``x_um`` and ``y_um``, among others; or with ``X`` and
-            ``Y`` or two columns without a heading, which need `unit`. Or an ImageJ file ``.roi`` of a polygon or a
-            freehand or traced line; or a LabelMe file ``.json`` with one polygon; both are in pixels.
-        unit : str, optional
-            ``"px"`` or ``"um"``.
-
-        Raises
-        ------
-        InputError
-            Naming file, column, what was expected and what was found.
-        """
+        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe."""
         where, raw = str(path), read_bytes(path, "file of points")
         sha256, suffix = hashlib.sha256(raw).hexdigest(), Path(path).suffix.lower()
         if suffix in _DRAWN:
@@ -111,14 +84,7 @@ def _checked(points: Floats, where: str) -> Floats:
 
 
 def _of_imagej(raw: bytes, where: str) -> Floats:
-    """Return the points of a polygon, freehand or traced ROI.
-
-    References
-    ----------
-    `ij.io.RoiDecoder` of ImageJ: big-endian; version at 4, type at 6, top and left at 8 and 10, number of points at 16,
-    options at 50; from 64 on the columns and rows less left and top in two bytes each, then, if the options say so,
-    both as floats.
-    """
+    """Return the points of a polygon, freehand or traced ROI."""
     magic, version, kind, top, left, count = struct.unpack_from(">4shBx2h4xH", raw)
     (options,) = struct.unpack_from(">h", raw, _OPTIONS)
     if magic != b"Iout" or kind not in _CLOSED:
@@ -170,16 +136,12 @@ _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 @dataclass(frozen=True)
 class _Edge:
-    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres.
+    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres."""
 
-    `unit` is the length of that unit, `points` are columns (z, y), `error` is the standard error of either end, and
-    `scatter` that of a point against its neighbours.
-    """
-
-    unit: Quantity
-    points: Floats
-    error: float
-    scatter: float
+    unit: Quantity  # length of a pixel or micrometre
+    points: Floats  # columns (z, y)
+    error: float  # of either end
+    scatter: float  # of a point against its neighbours
 
 
 def measure_contour(
@@ -195,45 +157,7 @@ def measure_contour(
     walls: Any = None,
     wall_error: Any = None,
 ) -> Measurement:
-    """Measure a capsule from its contour.
-
-    Parameters
-    ----------
-    contour : ContourFile
-    experiment : Experiment
-    capsule_velocity : Quantity [m/s]
-        v_o with its standard error. This and the other quantities in any form that `Quantity.of` reads.
-    flow : str
-        ``"right"`` or ``"left"``.
-    flow_rate : Quantity, optional [m^3/s]
-        Flow rate in the channel with its standard error, next to the velocity or in its place.
-    edge_error : Quantity, optional [m]
-        Standard error of either end of the contour, which it does not show itself; the value is used, not its error. By
-        default it is that of `EDGE_ERROR` pixels.
-    pixel_size : Quantity, optional [m]
-        Of a contour in pixels, with its standard error.
-    points : str, optional
-        Of a contour in whole pixels: ``"centres"`` if it runs through the centres of pixels, half a pixel inside the
-        edge; ``"borders"`` if it runs along their borders.
-    walls, wall_error : text or float, optional [px]
-        Of a contour in pixels, in place of the size of a pixel: rows of the two walls of a channel along the rows, and
-        the standard error of either, as `capsbayes.image.ByHand` reads them.
-
-    Returns
-    -------
-    Measurement
-        Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
-        their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
-        What may lie beyond a side that is much longer than the others is added to the errors of the lengths.
-        L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
-        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper
-        bound.
-
-    Raises
-    ------
-    InputError
-        If an option is missing that the file does not tell.
-    """
+    """Measure a capsule from its contour."""
     direction = FLOWS[flow] if check_flow(flow) else 1
     capsule_velocity, rate, edge_error, pixel_size = (
         None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
@@ -355,15 +279,8 @@ def _allowed(contour: ContourFile) -> float:
 
 
 def _spike(contour: ContourFile) -> float:
-    """Return how far a point, or a few next to each other, jut out from the others of a contour, zero if none does.
-
-    The contour turns back on either side of a spike, which it does at no corner of a capsule.
-
-    Raises
-    ------
-    InputError
-        If that is too far for an edge.
-    """
+    """Return how far a point, or a few next to each other, jut out from the others of a contour, zero if none does."""
+    # the contour turns back on either side of a spike, which it does at no corner of a capsule
     outline, furthest = contour.points, 0.0
     for step in range(1, min(_WIDEST, len(outline) // _APART) + 1):
         off, chance = _off_neighbours(outline, step)
@@ -385,16 +302,9 @@ def _spike(contour: ContourFile) -> float:
 
 
 def _missing(contour: ContourFile) -> float:
-    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there.
-
-    An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
-    chord with the stretches before and after it, a share of its length each, larger by that share.
-
-    Raises
-    ------
-    InputError
-        If that is too far for points to be missing there.
-    """
+    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there."""
+    # An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
+    # chord with the stretches before and after it, a share of its length each, larger by that share.
     points = contour.points[:, 0] + 1j * contour.points[:, 1]
     arc = arc_length(contour.points)
     sides, closed, furthest = np.diff(arc), np.append(points, points[0]), 0.0
@@ -419,11 +329,9 @@ def _scatter(outline: Floats) -> float:
 
 
 def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
-    """Return how far each point lies from a cubic through two neighbours either side : (n, 2) array.
-
-    And its standard deviation along the normal, over that of one point : (n,) array. Neighbours are `step` points
-    apart. The cubics are those of the arc length, so that points at unequal distances do not scatter.
-    """
+    """Return how far each point lies from a cubic through two neighbours either side : (n, 2) array."""
+    # and its standard deviation along the normal over that of one point (n,); cubics of the arc length: points at
+    # unequal distances do not scatter
     steps = np.array([np.roll(outline, -k * step, axis=0) - outline for k in (-2, -1, 1, 2)])
     one = np.hypot(*np.moveaxis(steps, -1, 0))
     before, after = np.roll(one[2], step), np.roll(one[2], -step)
@@ -437,10 +345,8 @@ def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
 
 
 def _smooth(outline: Floats) -> Floats:
-    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight.
-
-    A cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle.
-    """
+    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight."""
+    # a cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle
     if len(outline) >= _SPARSE:
         return outline
     place, closed = arc_length(outline), np.concatenate([outline, outline[:1]])

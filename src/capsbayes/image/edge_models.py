@@ -46,7 +46,7 @@ def _harmonics(points: Floats) -> tuple[Floats, Complex, Booleans]:
     return order, np.fft.fft(points @ np.array([1.0, 1j])), kept
 
 
-# Equations with a positive definite matrix too small for a library's call, solved in place; compiled
+# Equations too small for a library's call
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,11 +90,7 @@ def within(points: Floats, boxes: Floats) -> Booleans:
 
 
 def bridged(curve: Floats, erased: Booleans) -> tuple[Floats, Booleans] | None:
-    """Return a closed curve (n, 2) with its erased stretches bridged, and which of its points are a bridge.
-
-    A bridge is a cubic with the directions of the curve at its ends, as long as an arc of a circle would be. None where
-    too little is left.
-    """
+    """Return a closed curve (n, 2) with its erased stretches bridged, and which points are; None if little is left."""
     if not erased.any():
         return curve, erased
     left = [run for run in runs(erased) if not erased[run[0]] and len(run) >= _SHORTEST]
@@ -148,14 +144,8 @@ def _bridge(start: Floats, back: Floats, stop: Floats, on: Floats) -> Floats:
     return np.asarray(shares @ corners)
 
 
-# Models of an edge, a dark line and a dark band, fitted to profiles of intensity by least squares.
-#
-# Two parameters of each model are wanted, place and width; the others enter linearly and are eliminated in each step
-# (variable projection with the Jacobian of Kaufman), which leaves a Gauss-Newton iteration in two unknowns.
-#
-# References
-# ----------
-# Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
+# Place and width of a model are wanted; its other parameters enter linearly and are eliminated in each Gauss-Newton
+# step by variable projection with the Jacobian of Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
 
 _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
@@ -184,30 +174,15 @@ _FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
 
 @dataclass(frozen=True, eq=False)
 class ProfileFit:
-    """Model fitted to each of n profiles.
+    """Model fitted to each of n profiles."""
 
-    Parameters
-    ----------
-    place, width : (n,) array
-        In the unit of the samples' positions.
-    place_variance : (n,) array
-        Variance of the place where each sample has noise of variance 1.
-    coefficients : (n, k) array
-        Coefficients of the model's k functions.
-    fitted : (n, m) array
-        The model at the samples that are used, 0 at the others.
-    slope : (n, m) array
-        Its derivative with respect to the place.
-    converged : (n,) array of bool
-    """
-
-    place: Floats
-    width: Floats
-    place_variance: Floats
-    coefficients: Floats
-    fitted: Floats
-    slope: Floats
-    converged: Booleans
+    place: Floats  # (n,): in the unit of the samples' positions
+    width: Floats  # (n,): in the unit of the samples' positions
+    place_variance: Floats  # (n,): variance of the place where each sample has noise of variance 1
+    coefficients: Floats  # (n, k): coefficients of the model's k functions
+    fitted: Floats  # (n, m): the model at the samples that are used, 0 at the others
+    slope: Floats  # (n, m): its derivative with respect to the place
+    converged: Booleans  # (n,)
 
 
 def locate(
@@ -219,23 +194,7 @@ def locate(
     used: Floats,
     bend: float = 0.0,
 ) -> ProfileFit:
-    """Fit a model to each profile.
-
-    Parameters
-    ----------
-    profiles : (n, m) array
-        Intensities.
-    samples : (m,) array
-        Positions of the samples.
-    model : Model
-    place, width : (n,) array
-        Initial guesses.
-    used : (n, m) array
-        1 for the samples to fit, 0 for the others.
-    bend : float
-        Of an edge: inverse of the depth at which the darkness inside falls to 1/e; 0 for a straight line, negative
-        where it falls more steeply further inside.
-    """
+    """Fit a model to each profile."""
     count = len(profiles)
     fit = ProfileFit(
         place.astype(np.float64),
@@ -382,7 +341,7 @@ def _step(profile, used, fitted, jacobian, normal, step):  # type: ignore[no-unt
     step[0] = by_place
 
 
-# Profiles of intensity along the normals of a closed curve, and what their arcs have in common; compiled
+# Profiles along the normals of a closed curve, and their arcs
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -536,25 +495,13 @@ _OUTLIER = 4.0  # robust standard deviations
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """Least-squares fit to the points that were kept.
+    """Least-squares fit to the points that were kept."""
 
-    Parameters
-    ----------
-    coefficients : (k,) array
-    kept : (n,) array of bool
-    spread : float
-        Robust standard deviation of the residuals, before the last outliers were removed.
-    variance : float
-        Variance of the residuals of the points that were kept.
-    design : (n, k) array
-        Rows of the points that were kept.
-    """
-
-    coefficients: Floats
-    kept: Booleans
-    spread: float
-    variance: float
-    design: Floats
+    coefficients: Floats  # (k,)
+    kept: Booleans  # (n,)
+    spread: float  # robust standard deviation of the residuals, before the last outliers were removed
+    variance: float  # variance of the residuals of the points that were kept
+    design: Floats  # (n, k): rows of the points that were kept
 
     @property
     def cofactor(self) -> Floats:
@@ -584,10 +531,7 @@ def quantile(values: Floats, share: float) -> float:
 
 @lru_cache
 def wider_by_few(free: int) -> float:
-    """Return Student's interval of 95 % with so many degrees of freedom, one at least, over that of a known variance.
-
-    A scatter seen in few values tells their error only roughly.
-    """
+    """Return Student's 95 % interval over that of a known variance: a scatter seen in few values is rough."""
     return float(stdtrit(max(free, 1), 0.975) / ndtri(0.975))
 
 
@@ -605,11 +549,7 @@ def fit_without_outliers(
     floor: float,
     enough: Callable[[Booleans], bool],
 ) -> RobustFit | None:
-    """Fit a linear model again and again, each time without the points that are off by four standard deviations.
-
-    The model is the product of design (n, k) and coefficients; `kept` (n,) marks the points to begin with, `floor` is
-    the smallest standard deviation for judging outliers. Returns None where the points left are not `enough`.
-    """
+    """Fit design (n, k) @ coefficients again and again without outliers; None if the points left are not `enough`."""
     for _ in range(rounds):
         if not enough(kept):
             return None

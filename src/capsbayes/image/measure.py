@@ -38,15 +38,9 @@ from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Me
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
-# The outline of a capsule in a picture as a measured silhouette over l, with a model of its errors.
-#
-# Three consecutive points are averaged: their errors are almost independent, and a likelihood needs no more points. The
-# noise has three parts: scatter from point to point, errors alike along the edge, and an offset of the whole. They
-# follow
-# from the errors with which the edge was located; their factors were set on drawn pictures, other ones than those whose
-# coverage is counted. Where the edge of the rear is a band, much wider than that of the nose, the membrane lies
-# somewhere
-# within: that of the rear has an error of its own
+# The silhouette over l: means of three points, whose errors are almost independent. Their scatter, errors alike along
+# the edge and an offset follow from the errors with which the edge was located, by factors set on drawn pictures other
+# than those whose coverage is counted. A rear that is a band much wider than the nose has an error of its own
 
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
@@ -58,27 +52,13 @@ _OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
 
 @dataclass(frozen=True)
 class EdgeErrors:
-    """Standard deviations of the errors of a silhouette's points along their normals [px].
+    """Standard deviations of the errors of a silhouette's points along their normals [px]."""
 
-    Parameters
-    ----------
-    scatter : float
-        Of means of three points, independent of each other and in each picture.
-    arc : float
-        Alike along an arc, and independent in each picture.
-    misfit : float
-        Alike along an arc, and the same in all pictures of a capsule: that of the edge's model.
-    offset : float
-        Alike all around, and the same in all pictures of a capsule.
-    rear : float
-        Of the rear, along the flow, and the same in all pictures of a capsule.
-    """
-
-    scatter: float
-    arc: float
-    misfit: float
-    offset: float
-    rear: float = 0.0
+    scatter: float  # of means of three points, independent of each other and in each picture
+    arc: float  # alike along an arc, and independent in each picture
+    misfit: float  # alike along an arc, and the same in all pictures of a capsule: that of the edge's model
+    offset: float  # alike all around, and the same in all pictures of a capsule
+    rear: float = 0.0  # of the rear, along the flow, and the same in all pictures of a capsule
 
     @classmethod
     def of(cls, detection: Detection) -> EdgeErrors:
@@ -98,11 +78,8 @@ class EdgeErrors:
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
-    """Return the silhouette of a detection, as `identify` compares it with those of a model.
-
-    Points next to a wall, which lie up to 0.4 of the edge's width too far out, and erased ones are omitted. Returns
-    None where nothing was measured, too few points are left, or the shape does not distinguish front from rear.
-    """
+    """Return the silhouette of a detection, as `identify` compares it with a model's; None where there is none."""
+    # points next to a wall lie up to 0.4 of the edge's width too far out
     if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
         return None
     walls = detection.walls
@@ -140,20 +117,7 @@ def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutl
 
 
 def straightened_lengths(detection: Detection, columns: int, camera: Camera) -> tuple[Floats, Floats]:
-    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers.
-
-    Parameters
-    ----------
-    detection : Detection
-        Whose status is ``DONE``, in a picture of so many columns.
-    columns : int
-    camera : Camera
-
-    Returns
-    -------
-    (4,) array [px], (4, 4) array [px^2]
-        Of L_z, L_a, L_p and l; what was not seen is NaN.
-    """
+    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers."""
     assert detection.outline is not None, "detected"
     lengths, sense = detection.lengths, detection.flow or 1
     half_width = lengths[3]
@@ -228,31 +192,7 @@ def detect(
     by_hand: ByHand | None = None,
     half_width: Given | None = None,
 ) -> Detection:
-    """Find the walls, the capsule and its concave rear in a picture.
-
-    Parameters
-    ----------
-    picture : Picture
-        A capsule in a channel along the rows, to 7 degrees.
-    background : Picture, optional
-        The empty channel; by default it is estimated from the picture, line by line along the channel.
-    flow : str, optional
-        ``"right"`` or ``"left"``; by default it follows from the shape.
-    by_hand : ByHand, optional
-        What is stated of walls, scale and the part to analyse; by default they are found in the picture.
-    half_width : Quantity, optional [m]
-        Of the channel, in any form that `Quantity.of` reads; needed with a pixel size.
-
-    Returns
-    -------
-    Detection
-        Where nothing could be measured, its status gives the reason.
-
-    Raises
-    ------
-    InputError
-        If `flow` is another word, or what is stated by hand does not suit the picture.
-    """
+    """Find the walls, the capsule and its concave rear in a picture."""
     direction = check_flow(flow)
     picture, background, by_hand = turned(picture, background, by_hand)
     if background is not None and background.shape != picture.shape:
@@ -422,26 +362,7 @@ def measurement_of_lengths(
     source: str = "",
     sha256: str = "",
 ) -> Measurement:
-    """Return the measurement that follows from lengths in pixels.
-
-    Parameters
-    ----------
-    lengths : (4,) array [px]
-        L_z, L_a, L_p and l; L_a and L_p are NaN where the rear is not seen.
-    covariance : (4, 4) array [px^2]
-        Covariance of their errors.
-    capsule_velocity : Quantity, optional [m/s]
-    experiment : Experiment
-    status : Status
-        Unless it is ``DONE``, the measurement is refused.
-    walls, doubt, source, sha256
-        As in `Measurement`.
-
-    Raises
-    ------
-    InputError
-        If the experiment states the geometry of the camera, which is for its pictures and not for lengths.
-    """
+    """Return the measurement that follows from lengths in pixels."""
     if experiment.camera is not None:
         expected = "none for a film: single pictures, events and contours alone are corrected"
         raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
@@ -485,9 +406,6 @@ def check_flow(flow: str | None) -> int:
     if flow is not None and flow not in FLOWS:
         raise InputError("flow", "", " or ".join(f'"{name}"' for name in FLOWS), repr(flow))
     return 0 if flow is None else FLOWS[flow]
-
-
-# Files of a measured picture: what was detected, drawn and in numbers, and the measurement
 
 
 def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:
