@@ -56,12 +56,24 @@ def temporal_median(
 
 
 def _quantile(levels: NDArray[Any], share: float) -> Floats:
-    """Return a quantile over the first axis, by sorting: for tens of levels in a third of the time of np.median."""
-    ordered = np.ascontiguousarray(levels.reshape(len(levels), -1).T)
-    ordered.sort(axis=1)
+    """Return a quantile over the first axis, or the mean of the levels on either side of it."""
+    low, high, _ = _ranked(np.ascontiguousarray(levels.reshape(len(levels), -1).T), share)
+    return np.asarray(np.mean([low, high], axis=0, dtype=np.float64)).reshape(levels.shape[1:])
+
+
+def _quantiles(values: Floats, share: float) -> Floats:
+    """Return a quantile of each row of an array (n, m) but for its NaN : (n,) array."""
+    low, high, part = _ranked(values, share)
+    return np.asarray(low + part * (high - low))
+
+
+def _ranked(values: NDArray[Any], share: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
+    """Return the finite values of rows next below and above a share of them, and how far it lies between."""
+    ordered = np.sort(values, axis=1)  # for tens of levels in a third of the time of np.median; NaN comes last
     place = share * (np.count_nonzero(np.isfinite(ordered), axis=1) - 1)
-    both = [ordered[np.arange(len(ordered)), rounded(place).astype(int)] for rounded in (np.floor, np.ceil)]
-    return np.asarray(np.mean(both, axis=0, dtype=np.float64)).reshape(levels.shape[1:])
+    below, above = np.floor(place).astype(int), np.ceil(place).astype(int)
+    each = np.arange(len(ordered))
+    return ordered[each, below], ordered[each, above], place - below
 
 
 def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) -> float:
@@ -104,8 +116,7 @@ def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floa
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
-    levels: Floats = np.nanpercentile(level[seen], percentile, axis=1)
-    return levels, (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
+    return _quantiles(level[seen], 0.01 * percentile), (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
 
 
 def flatten(light: Floats, walls: WallLines) -> Floats:
@@ -113,7 +124,7 @@ def flatten(light: Floats, walls: WallLines) -> Floats:
     rows, columns = light.shape
     within = np.abs(walls.offset((rows, columns))) < _CORE * walls.half_width
     seen = within.any(axis=0)
-    level = np.nanmedian(np.where(within, light, np.nan)[:, seen], axis=0)
+    level = _quantiles(np.where(within, light, np.nan)[:, seen].T, 0.5)
     design = np.vander(np.linspace(-1.0, 1.0, columns), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 
@@ -258,7 +269,7 @@ def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ..
         strip = away < _FOLLOWED_CORE * walls.half_width
     if not strip.any(axis=0).all():
         return None
-    level = np.nanmedian(np.where(strip, grey, np.nan), axis=0)
+    level = _quantiles(np.where(strip, grey, np.nan).T, 0.5)
     x = np.arange(columns) - 0.5 * (columns - 1)
     weight, powers = np.ones(columns), 3
     for _ in range(_ROUNDS):  # least squares that leave dark columns out

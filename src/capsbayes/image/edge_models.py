@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, gaussian_filter1d
 from scipy.special import ndtri, stdtrit
 
 from capsbayes.arrays import Booleans, Floats, Integers
@@ -384,108 +385,42 @@ def _mirrored(index, count):  # type: ignore[no-untyped-def]
     return abs(index) if index < count else 2 * (count - 1) - index
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def means_of_arcs(profiles, arc, arcs):  # type: ignore[no-untyped-def]
-    """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array.
-
-    The number of the arc of each profile rises along the curve.
-    """
-    means, count = np.zeros((arcs, profiles.shape[1])), np.zeros(arcs)
-    for n in range(len(profiles)):
-        count[arc[n]] += 1.0
-        for i in range(profiles.shape[1]):
-            means[arc[n], i] += profiles[n, i]
-    for a in range(arcs):
-        for i in range(profiles.shape[1]):
-            means[a, i] /= count[a]
-    return means, count
+def means_of_arcs(profiles: Floats, arc: Integers, arcs: int) -> tuple[Floats, Floats]:
+    """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array."""
+    count = np.bincount(arc, minlength=arcs).astype(np.float64)
+    sums = np.stack([np.bincount(arc, values, arcs) for values in profiles.T], axis=1)
+    return sums / np.maximum(count, 1.0)[:, None], count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def mean_squares(profiles, means, arc, used):  # type: ignore[no-untyped-def]
-    """Return the mean square of the difference of profiles (n, m) from their arc's (arcs, m), where it is used : (n,).
-
-    The numbers `used` (arcs, m) are 1 or 0.
-    """
-    squares = np.zeros(len(profiles))
-    for n in range(len(profiles)):
-        a, count = arc[n], 0.0
-        for i in range(profiles.shape[1]):
-            squares[n] += used[a, i] * (profiles[n, i] - means[a, i]) ** 2
-            count += used[a, i]
-        squares[n] /= count
-    return squares
+def mean_squares(profiles: Floats, means: Floats, arc: Integers, used: Floats) -> Floats:
+    """Return the mean square of the difference of profiles from their arc's where it is used (arcs, m) : (n,) array."""
+    return np.asarray(np.sum(used[arc] * (profiles - means[arc]) ** 2, axis=1) / np.sum(used, axis=1)[arc])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def misfit_around(left, used, place_variance, fitted, neighbours):  # type: ignore[no-untyped-def]
-    """Return the error of the place of each arc that follows from what the model leaves over : (arcs,) array.
-
-    What is left (arcs, m) has few degrees of freedom, as so many parameters are fitted: those of the neighbours to
-    either side, around the closed curve, are added to them.
-    """
-    arcs = len(left)
-    squares, free = np.zeros(arcs), np.zeros(arcs)
-    for a in range(arcs):
-        for i in range(left.shape[1]):
-            squares[a] += used[a, i] * left[a, i] ** 2
-            free[a] += used[a, i]
-        free[a] = max(free[a] - fitted, 0.0)
-    misfit = np.empty(arcs)
-    for a in range(arcs):
-        total, degrees = 0.0, 0.0
-        for b in range(a - neighbours, a + neighbours + 1):
-            total += squares[b % arcs]
-            degrees += free[b % arcs]
-        misfit[a] = np.sqrt(total / max(degrees, 1.0) * place_variance[a])
-    return misfit
+def misfit_around(left: Floats, used: Floats, place_variance: Floats, fitted: float, neighbours: int) -> Floats:
+    """Return the error of the place of each arc that follows from what the model leaves over : (arcs,) array."""
+    # few degrees of freedom are left, as so many parameters are fitted: those of the neighbours are added
+    squares, free = np.sum(used * left**2, axis=1), np.maximum(np.sum(used, axis=1) - fitted, 0.0)
+    squares, free = correlate1d(np.stack([squares, free]), np.ones(2 * neighbours + 1), mode="wrap")
+    return np.asarray(np.sqrt(squares / np.maximum(free, 1.0) * place_variance))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def tangents(base):  # type: ignore[no-untyped-def]
-    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) arrays."""
-    count = len(base)
-    made = np.empty((count, 2))
-    for n in range(count):
-        before, after = base[n - 1], base[(n + 1) % count]
-        x, y = after[0] - before[0], after[1] - before[1]
-        length = np.hypot(x, y)
-        made[n, 0], made[n, 1] = x / length, y / length
-    return made
+def tangents(base: Floats) -> Floats:
+    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) array."""
+    step = np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0)
+    return np.asarray(step / np.hypot(*step.T)[:, None])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def curvatures(curve):  # type: ignore[no-untyped-def]
-    """Return the curvature at each of the points (n, 2) at equal distances on a closed curve, clockwise in a picture.
-
-    It is positive where the curve is convex.
-    """
-    count = len(curve)
-    made = np.empty(count)
-    for n in range(count):
-        before, here, after = curve[n - 1], curve[n], curve[(n + 1) % count]
-        x, y = 0.5 * (after[0] - before[0]), 0.5 * (after[1] - before[1])
-        bent_x, bent_y = after[0] - 2.0 * here[0] + before[0], after[1] - 2.0 * here[1] + before[1]
-        made[n] = (x * bent_y - y * bent_x) / np.hypot(x, y) ** 3
-    return made
+def curvatures(curve: Floats) -> Floats:
+    """Return the curvature at points (n, 2) at equal distances of a clockwise curve, positive where it is convex."""
+    before, after = np.roll(curve, 1, axis=0), np.roll(curve, -1, axis=0)
+    (x, y), (bent_x, bent_y) = 0.5 * (after - before).T, (after - 2.0 * curve + before).T
+    return np.asarray((x * bent_y - y * bent_x) / np.hypot(x, y) ** 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def rounded(curve, deviation):  # type: ignore[no-untyped-def]
-    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points, cut off at four of it."""
-    reach, count = int(4.0 * deviation + 0.5), len(curve)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    weights /= weights.sum()
-    smooth = np.zeros(curve.shape)
-    for n in range(count):
-        at = (n - reach) % count
-        for i in range(len(weights)):
-            for axis in range(2):
-                smooth[n, axis] += weights[i] * curve[at, axis]
-            at += 1
-            if at == count:
-                at = 0
-    return smooth
+def rounded(curve: Floats, deviation: float) -> Floats:
+    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points."""
+    return np.asarray(gaussian_filter1d(curve, deviation, axis=0, mode="wrap"))
 
 
 # Straight lines and parabolas by least squares, without the points that lie off them
@@ -553,27 +488,10 @@ def fit_without_outliers(
     for _ in range(rounds):
         if not enough(kept):
             return None
-        coefficients = _least_squares(design, values, kept)
+        coefficients: Floats = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
         residuals = values - design @ coefficients
         spread = max(robust_spread(residuals[kept]), floor)
         kept = kept & (np.abs(residuals) < _OUTLIER * spread)
     used = design[kept]
     variance = np.sum(residuals[kept] ** 2) / max(len(used) - design.shape[1], 1)
     return RobustFit(coefficients, kept, spread, float(variance), used)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _least_squares(design, values, kept):  # type: ignore[no-untyped-def]
-    """Return the coefficients (k,) for which the rows that are kept of the product with a design (n, k) fit best."""
-    count = design.shape[1]
-    normal, side = np.zeros((count, count)), np.zeros(count)
-    for n in range(len(design)):
-        if not kept[n]:
-            continue
-        for a in range(count):
-            side[a] += design[n, a] * values[n]
-            for b in range(count):
-                normal[a, b] += design[n, a] * design[n, b]
-    factorise(normal)
-    substitute(normal, side)
-    return side

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, spline_filter
+from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
@@ -451,24 +451,9 @@ def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height
     """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
     breadth = _BREADTH * half_height
     y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
-    return _along_rays(light, end, inwards, math.ceil(depth), y), y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _along_rays(light, end, inwards, count, y):  # type: ignore[no-untyped-def]
-    """Return the light, linear between pixels, at so many distances inwards, a pixel apart, for each y : (r, u)."""
-    rows, columns = light.shape
-    rays = np.empty((len(y), count))
-    for r in range(len(y)):
-        for u in range(count):
-            column = min(max(end[0] + u * inwards[0] - y[r] * inwards[1], 0.0), columns - 1.0)
-            row = min(max(end[1] + u * inwards[1] + y[r] * inwards[0], 0.0), rows - 1.0)
-            i, j = min(int(row), rows - 2), min(int(column), columns - 2)
-            down, right = row - i, column - j
-            upper = (1.0 - right) * light[i, j] + right * light[i, j + 1]
-            lower = (1.0 - right) * light[i + 1, j] + right * light[i + 1, j + 1]
-            rays[r, u] = (1.0 - down) * upper + down * lower
-    return rays
+    at = end[:, None, None] + np.multiply.outer(inwards, np.arange(math.ceil(depth)))[:, None]
+    at = at + np.multiply.outer([-inwards[1], inwards[0]], y)[:, :, None]
+    return np.asarray(map_coordinates(light, at[::-1], order=1, mode="nearest")), y
 
 
 def _coarse(
@@ -476,25 +461,15 @@ def _coarse(
 ) -> tuple[int, float, float] | None:
     """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel."""
     # behind the rim, a band counts only if another one, that of the outer edge, is seen in front of it
-    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)
-    smooth = gaussian_filter1d(_stacked(rays, bend), _BAND_SMOOTHING, axis=1, mode="nearest")
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)[:, :, None]  # by which each ray is shifted
+    inward = np.clip(np.arange(rays.shape[1]) + bend, 0, rays.shape[1] - 1)
+    stacked = rays[np.arange(len(rays))[:, None], inward].mean(axis=1)
+    smooth = gaussian_filter1d(stacked, _BAND_SMOOTHING, axis=1, mode="nearest")
     least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
     row, dip, prominence = _most_prominent(smooth, least, behind_rim)
     if row < 0:
         return None
     return dip, float(curvatures[row]), _deviation(smooth[row], dip, 0.5 * prominence)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _stacked(rays, bend):  # type: ignore[no-untyped-def]
-    """Return the mean of the rays (r, u), each shifted by its bend, for each row of bends (c, r) : (c, u) array."""
-    last = rays.shape[1] - 1
-    stacked = np.zeros((len(bend), last + 1))
-    for c in range(len(bend)):
-        for r in range(len(rays)):
-            for u in range(last + 1):
-                stacked[c, u] += rays[r, min(max(u + bend[c, r], 0), last)]
-    return stacked / len(rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter1d
 
-from capsbayes.image.edges import _CURVATURES, _along_rays, _coarse, find_rear
+from capsbayes.image.edges import _CURVATURES, _coarse, find_rear
 
 END, LENGTH, HALF_HEIGHT = np.array([20.0, 40.0]), 100.0, 34.0
 
@@ -134,17 +134,6 @@ def test_only_light_between_the_band_and_that_of_the_outer_edge_makes_them_two(b
     middle = (depth >= 8) & (depth <= 24)
     profile[middle] = 0.5 + between * np.sin(np.pi * (depth[middle] - 8) / 16.0)
     assert (coarse(profile) is not None) == seen
-
-
-def test_rays_show_the_light_as_scipy_interpolates_it_also_beyond_the_border():
-    light = np.random.default_rng(4).uniform(size=(20, 30))
-    end, inwards, y = np.array([22.3, 9.7]), np.array([np.cos(0.2), np.sin(0.2)]), np.arange(-3.0, 4.0)
-    inward = np.arange(12.0)
-    column = end[0] + inward * inwards[0] - (y * inwards[1])[:, None]
-    row = end[1] + inward * inwards[1] + (y * inwards[0])[:, None]
-    assert column.max() > 30.0
-    expected = map_coordinates(light, np.stack([row, column]), order=1, mode="nearest")
-    np.testing.assert_allclose(_along_rays(light, end, inwards, 12, y), expected, atol=1e-12)
 
 
 def test_intervals_of_a_rear_seen_in_few_strips_hold_it_as_often_as_they_say():
