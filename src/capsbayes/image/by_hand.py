@@ -44,7 +44,7 @@ _LINES = ("walls", "axis")
 _TURNS = ("90", "180", "270")
 
 
-@dataclass(frozen=True)
+@dataclass
 class ByHand:
     """What is stated of a picture by hand; what is not stated is found in the picture.
 
@@ -98,8 +98,8 @@ class ByHand:
             numbers = _numbers(getattr(self, name), name.replace("_", " "), counts, expected)
             if numbers is not None and name in _LINES and len(numbers) == counts[0]:
                 numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
-            object.__setattr__(self, name, numbers)
-        object.__setattr__(self, "erase", _boxes(self.erase))
+            setattr(self, name, numbers)
+        self.erase = _boxes(self.erase)
         if self.contrast is not None and self.contrast not in CONTRASTS:
             raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
         if self.rotate is not None and str(self.rotate) not in _TURNS:
@@ -108,7 +108,7 @@ class ByHand:
             size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
             if size.known:
                 raise InputError("pixel size", "", 'a standard error, as in "0.340 +/- 0.003 um"', str(self.pixel_size))
-            object.__setattr__(self, "pixel_size", size)
+            self.pixel_size = size
         if self.walls is not None and self.pixel_size is not None:
             raise InputError("walls, pixel size", "", "one of the two: each of them gives l in pixels", "both")
         if self.axis is not None and self.pixel_size is None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -173,8 +174,7 @@ class Model(IntEnum):
 _FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
 
 
-@dataclass(frozen=True, eq=False)
-class ProfileFit:
+class ProfileFit(NamedTuple):
     """Model fitted to each of n profiles."""
 
     place: Floats  # (n,): in the unit of the samples' positions
@@ -187,39 +187,17 @@ class ProfileFit:
 
 
 def locate(
-    profiles: Floats,
-    samples: Floats,
-    model: Model,
-    place: Floats,
-    width: Floats,
-    used: Floats,
-    bend: float = 0.0,
+    profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats, bend: float = 0.0
 ) -> ProfileFit:
-    """Fit a model to each profile."""
+    """Fit a model to each profile (n, m) where it is `used`, from guesses of place and width (n,)."""
+    # the bend of an edge is the inverse of the depth at which the darkness inside falls to 1/e, 0 for a straight line
     count = len(profiles)
-    fit = ProfileFit(
-        place.astype(np.float64),
-        width.astype(np.float64),
-        np.empty(count),
-        np.empty((count, _FUNCTIONS[model])),
-        np.empty(profiles.shape),
-        np.empty(profiles.shape),
-        np.empty(count, dtype=np.bool_),
-    )
-    _locate(
-        np.ascontiguousarray(profiles, dtype=np.float64),
-        np.ascontiguousarray(samples, dtype=np.float64),
-        np.ascontiguousarray(used, dtype=np.float64),
-        int(model),
-        float(bend),
-        fit.place,
-        fit.width,
-        fit.place_variance,
-        fit.coefficients,
-        fit.fitted,
-        fit.slope,
-        fit.converged,
-    )
+    fitted, slope = np.empty(profiles.shape), np.empty(profiles.shape)
+    coefficients, converged = np.empty((count, _FUNCTIONS[model])), np.empty(count, dtype=np.bool_)
+    begun = place.astype(np.float64), width.astype(np.float64)
+    fit = ProfileFit(*begun, np.empty(count), coefficients, fitted, slope, converged)
+    profiles, samples, used = (np.ascontiguousarray(each, dtype=np.float64) for each in (profiles, samples, used))
+    _locate(profiles, samples, used, int(model), float(bend), *fit)
     return fit
 
 
@@ -488,7 +466,7 @@ def fit_without_outliers(
     for _ in range(rounds):
         if not enough(kept):
             return None
-        coefficients: Floats = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
+        coefficients = np.asarray(np.linalg.lstsq(design[kept], values[kept], rcond=None)[0], dtype=np.float64)
         residuals = values - design @ coefficients
         spread = max(robust_spread(residuals[kept]), floor)
         kept = kept & (np.abs(residuals) < _OUTLIER * spread)

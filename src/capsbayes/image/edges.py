@@ -100,15 +100,15 @@ def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans |
     for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
         if moved is None:
             return None
-        bend = None if estimated else moved.bend
-        moved = _moved(spline, moved.outline.points, moved.outline.erased, moved.outline.edge_width, bend)
+        outline, _, bend = moved
+        moved = _moved(spline, outline.points, outline.erased, outline.edge_width, None if estimated else bend)
     if moved is None:
         return None
-    outline = moved.outline
+    outline, arc_misfit, _ = moved
     left = scatter_left(averaged(outline.points), averaged(outline.normals), without_erased(outline))
     seen = left / scatter_expected(outline)  # noise of a pixel that would scatter the points as they do
     of_noise = np.square(max(noise, seen) * outline.arc_error)
-    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
+    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(arc_misfit) - of_noise, 0.0))
     of_bridges = bridge_errors(outline.points, outline.erased)
     return replace(
         outline,
@@ -156,17 +156,10 @@ def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) 
     return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
 
 
-@dataclass(frozen=True, eq=False)
-class _Moved:
-    """Outline of one round, its errors those for noise 1."""
-
-    outline: EdgeOutline
-    arc_misfit: Floats  # (n,) [px]: error of the arc of each point that follows from what the model leaves over
-    bend: float  # [1/px]: bend of the darkness inside the edge
-
-
-def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None) -> _Moved | None:
-    """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal."""
+def _moved(
+    spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None
+) -> tuple[EdgeOutline, Floats, float] | None:
+    """Locate the edge in the mean of each arc and the shift of each normal : outline, misfit of the arcs, bend."""
     # the windows along the normals follow the widths of the last round, at equal distances along the curve
     whole = bridged(curve, erased)
     if whole is None:
@@ -218,7 +211,7 @@ def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend
         erased=erased,
     )
     misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
-    return _Moved(outline, misfit[arc], bend)
+    return outline, misfit[arc], bend
 
 
 def _filled(values: Floats, located: Booleans) -> Floats:
