@@ -27,13 +27,8 @@ MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "no
 """Cells, in lower case, that state no number."""
 
 _RUN_BY_SPREADSHEETS = ("=", "+", "-", "@", "\t")
-_SEPARATORS = {
-    "\t": "a tab",
-    ";": "';'",
-    "|": "'|'",
-    ",": "','",
-    " ": "blanks",
-}  # the first of them that the first line holds
+# the first of them that the first line holds
+_SEPARATORS = {"\t": "a tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
 _OF_EXCEL = re.compile(r"\A\"?sep=.\"?\n", re.IGNORECASE)
 _WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
 _MOST_COLUMNS = 1000
