@@ -46,17 +46,9 @@ class InputFile:
             _check_integers(content)
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
-    def table(
-        self,
-        name: str = "",
-        *,
-        required: Keys = (),
-        optional: Keys = (),
-        renamed: Mapping[str, str] = MappingProxyType({}),
-    ) -> dict[str, Any]:
-        """Return one table after checking its keys and reading its values, see `checked_table`."""
-        table = self.content.get(name, {}) if name else self.content
-        return checked_table(table, str(self.path), name, required=required, optional=optional, renamed=renamed)
+    def table(self, name: str = "", **keys: Any) -> dict[str, Any]:
+        """Return one table, by default the keys at the top of the file, as `checked_table` does with these keys."""
+        return checked_table(self.content.get(name, {}) if name else self.content, str(self.path), name, **keys)
 
 
 def read_bytes(path: str | Path, noun: str = "file") -> bytes:

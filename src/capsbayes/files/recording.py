@@ -16,7 +16,7 @@ from typing import Any
 
 from capsbayes.errors import CutOffError, InputError
 
-KINDS = {
+KINDS = {  # first bytes of each kind of file, and the endings of its name
     "PNG": (rb"\x89PNG\r\n\x1a\n", (".png",)),
     "TIFF": (rb"II[*+]\0|MM\0[*+]", (".tif", ".tiff")),
     "JPEG": (rb"\xff\xd8\xff", (".jpg", ".jpeg")),
@@ -26,7 +26,6 @@ KINDS = {
     "MKV": (rb"\x1aE\xdf\xa3", (".mkv",)),
     "HDF5": (rb"\x89HDF\r\n\x1a\n", (".rtdc",)),
 }
-"""First bytes of each kind of file, and the endings of its name."""
 PICTURE_KINDS = ("PNG", "TIFF", "JPEG", "BMP")
 VIDEO_KINDS = ("AVI", "MP4 or MOV", "MKV")
 

@@ -19,10 +19,7 @@ from capsbayes.image.files import SMALLEST_SIDE
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 
-WALL_ERROR = 1.0
-"""Standard error of a wall placed by hand [px], unless another one is stated: a wall's line is some pixels wide, and a
-person does not see which of them is the wall."""
-
+WALL_ERROR = 1.0  # px: of a wall placed by hand, whose line is some pixels wide, unless another error is stated
 _LINE = 2.0  # px: standard deviation of the dark line of a wall that was not fitted, as of a bundle of thin lines
 _TAPER = 0.1  # largest relative difference of the distances between the walls at the two borders
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)

@@ -20,9 +20,9 @@ from capsbayes.files.csv_file import finite_numbers, read_columns
 from capsbayes.files.input_file import parsing, read_bytes
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
+from capsbayes.image.measure import EdgeErrors, check_flow, measurement_of_lengths, over_l
 from capsbayes.image.walls import WallLines
-from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, check_simple, signed_area, vertex_normals
 from capsbayes.quantity import Given, Quantity
 
@@ -113,10 +113,9 @@ _DRAWN = {".roi": ("an ImageJ ROI", _of_imagej), ".json": ("a LabelMe file with 
 # From a contour that a person or another program traced to a measurement with its silhouette
 
 POINTS = ("centres", "borders")
-EDGE_ERROR = 1.0
-"""Standard error of either end of a contour [px], unless another one is stated: the edge in a picture is blurred over
-some pixels, a line is drawn anywhere in it, and the line itself does not show where."""
-
+EDGE_ERROR = (
+    1.0  # px: of either end, unless stated: an edge is blurred over some pixels, and a line drawn anywhere in it
+)
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
 # of the depth's standard error, and of l: a rear that is hollow by more is taken to have been traced; a silhouette is
 # hollow by less, and 12 of 60 drawn with an error of a pixel were hollow by more than three errors of the edge
@@ -134,16 +133,6 @@ _CORNER = 0.4  # rad: least turn of a contour at a spike, and at a corner from o
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 
-@dataclass(frozen=True)
-class _Edge:
-    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres."""
-
-    unit: Quantity  # length of a pixel or micrometre
-    points: Floats  # columns (z, y)
-    error: float  # of either end
-    scatter: float  # of a point against its neighbours
-
-
 def measure_contour(
     contour: ContourFile,
     experiment: Experiment,
@@ -158,7 +147,7 @@ def measure_contour(
     wall_error: Any = None,
 ) -> Measurement:
     """Measure a capsule from its contour."""
-    direction = FLOWS[flow] if check_flow(flow) else 1
+    direction = check_flow(flow) or 1
     capsule_velocity, rate, edge_error, pixel_size = (
         None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
         for given, name, key, unit in (
@@ -172,33 +161,36 @@ def measure_contour(
     if between is not None:
         size = experiment.half_width.mean / between.half_width
         pixel_size = Quantity(size, size * between.half_width_error / between.half_width, "m")
-    edge = _edge(contour, direction, edge_error, pixel_size, points)
-    aspect = _aspect(experiment)
-    edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
-    half_width = experiment.half_width.mean / edge.unit.value
+    unit, edge, error = _edge(contour, direction, edge_error, pixel_size, points)
+    aspect, scatter = _aspect(experiment), _scatter(edge)
+    edge = edge / [aspect.mean, 1.0]
+    half_width = experiment.half_width.mean / unit.value
     of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
-    relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
-    profile = Profile.from_outline(_smooth(edge.points))
-    own = _missing(contour) ** 2 + _spike(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    relative = float(np.hypot(unit.error / unit.value, of_width))
+    profile = Profile.from_outline(_smooth(edge))
+    own = _missing(contour) ** 2 + _spike(contour) ** 2 + (1.0 - _COMMON) * error**2 + scatter**2
     hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
     depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
     covariance = np.zeros((4, 4))
     # both lengths end at the nose; what is alike all around moves either end outwards
-    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
+    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * error**2
     covariance[3, 3] = (relative * half_width) ** 2
     lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
     covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
-    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * edge.unit.value
+    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value
     measured = measurement_of_lengths(
         lengths,
         covariance,
         capsule_velocity,
         replace(experiment, camera=None),
-        walls=between.stated if between is not None else f"the half width over a {named} of {size_um:.4g} um",
+        walls=between or f"the half width over a {named} of {size_um:.4g} um",
         source=contour.source,
         sha256=contour.sha256,
     )
-    seen = _silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth)))
+    edge = _without_rear(edge, error, hollow=bool(np.isfinite(depth)))
+    drift, common = (float(np.sqrt(share)) * error for share in (1.0 - _COMMON, _COMMON))
+    errors = EdgeErrors(max(scatter, _LEAST_NOISE * half_width), drift, 0.0, common)
+    seen = over_l(edge, errors, half_width, relative * half_width, _DRIFT * half_width)
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
     return replace(measured, outline=seen).flowing(rate)
@@ -230,28 +222,20 @@ def _aspect(experiment: Experiment) -> Quantity:
     return camera.pixel_aspect
 
 
-def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool) -> MeasuredOutline | None:
-    """Return the silhouette over l, without the points of a rear that is seen through its rim."""
-    group = -(-len(edge.points) // _MOST_POINTS)
-    whole = len(edge.points) // group * group
-    points = edge.points[:whole].reshape(-1, group, 2).mean(axis=1)
-    if hollow:
-        hull = shapely.convex_hull(shapely.multipoints(points)).exterior
-        points = points[shapely.distance(shapely.points(points), hull) < edge.error]
-    if len(points) < FEWEST_POINTS:
-        return None
-    scatter = max(edge.scatter / half_width, _LEAST_NOISE)
-    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
-    over_l = points / half_width
-    radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
-    noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
-    return MeasuredOutline(over_l, noise, Pose(offset=float(np.hypot(common, radius * relative))), SILHOUETTE)
+def _without_rear(points: Floats, error: float, *, hollow: bool) -> Floats:
+    """Return not too many points of a silhouette, without those of a rear that is seen through its rim."""
+    group = -(-len(points) // _MOST_POINTS)
+    points = points[: len(points) // group * group].reshape(-1, group, 2).mean(axis=1)
+    if not hollow:
+        return points
+    hull: Any = shapely.convex_hull(shapely.multipoints(points))
+    return np.asarray(points[shapely.distance(shapely.points(points), hull.exterior) < error])
 
 
 def _edge(
     contour: ContourFile, direction: int, edge_error: Quantity | None, pixel_size: Quantity | None, points: str | None
-) -> _Edge:
-    """Return the edge of a contour, on its axis."""
+) -> tuple[Quantity, Floats, float]:
+    """Return unit, edge clockwise on its axis with the flow along z, and the error of either end in that unit."""
     outline = contour.points if signed_area(contour.points) > 0.0 else contour.points[::-1]
     if contour.unit == "um":
         unit = Quantity(1e-6, 0.0, "m")
@@ -270,7 +254,7 @@ def _edge(
     z, y = direction * outline[:, 0], outline[:, 1]
     centred = np.stack([z, y - 0.5 * (y.max() + y.min())], axis=1)
     error = EDGE_ERROR if edge_error is None else edge_error.value / unit.value
-    return _Edge(unit, centred, error, _scatter(outline))
+    return unit, centred, error
 
 
 def _allowed(contour: ContourFile) -> float:

@@ -62,6 +62,12 @@ class Detection:
     blob: Blob | None = None  # the dark blob that was analysed
     shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
 
+    def located(self) -> tuple[WallLines, EdgeOutline]:
+        """Return walls and outline of a detection that has both."""
+        if self.walls is None or self.outline is None:
+            raise ValueError(f"nothing was located: {self.status.name}")
+        return self.walls, self.outline
+
     @property
     def axis(self) -> Floats:
         """Point (x, y) of the capsule's axis nearest to the picture's origin : (2,) array [px]; NaN where missing."""

@@ -160,15 +160,9 @@ _RIDGE = 1e-10  # two functions may become alike as the width grows
 class Model(IntEnum):
     """Model of a profile; t is the distance from the place, and the blur is Gaussian with the width."""
 
-    EDGE = 0
-    """A jump between two straight lines, blurred: 1, the line outside, the jump, the line inside.
-
-    The background and its halo outside, and the dark band inside, are smooth near the edge.
-    """
-    LINE = 1
-    """A Gaussian between two levels: the Gaussian, 1, the step."""
-    BAND = 2
-    """A Gaussian on a parabola: the Gaussian, 1, t, t^2."""
+    EDGE = 0  # a jump between two straight lines, blurred: 1, the line outside, the jump, the line inside
+    LINE = 1  # a Gaussian between two levels: the Gaussian, 1, the step
+    BAND = 2  # a Gaussian on a parabola: the Gaussian, 1, t, t^2
 
 
 _FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}

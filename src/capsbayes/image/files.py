@@ -25,12 +25,10 @@ from capsbayes.files.recording import PICTURE_KINDS, VIDEO_KINDS, Images, check_
 
 Pixels = NDArray[Any]
 
-SMALLEST_SIDE = 16
-"""Fewest rows and columns of a picture."""
+SMALLEST_SIDE = 16  # fewest rows and columns of a picture
 _MOST_PIXELS = 2**23
 _LONGEST_SIDE = 2**15 - 2  # which OpenCV can turn
-MOST_IN_FRAMES = 2**22
-"""Most pixels of a frame of a film, tens of which are in memory together."""
+MOST_IN_FRAMES = 2**22  # pixels of a frame of a film, tens of which are in memory together
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
 _ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
 _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}

@@ -137,11 +137,8 @@ class FrameOutline:
     @classmethod
     def of(cls, detection: Detection) -> FrameOutline:
         """Return the outline of a detection that is done."""
-        walls, outline = detection.walls, detection.outline
-        assert walls is not None
-        assert outline is not None
-        middle = np.array([walls.centre_column, walls.centre_row])
-        points = (outline.points - middle) @ np.stack([walls.along, walls.across], axis=1)
+        walls, outline = detection.located()
+        points = (outline.points - walls.middle) @ np.stack([walls.along, walls.across], axis=1)
         points = points if signed_area(points) > 0.0 else points[::-1]
         return cls(points.astype(np.float32), EdgeErrors.of(detection))
 
@@ -204,7 +201,8 @@ class AlignedOutlines:
         # root of their number. What all frames share stays: misfit, offset, walls and a part of the errors of arcs.
         mean = self.radii.mean(axis=0)[:, None] * self.directions
         clear = walls.is_clear(walls.half_width - _thinned(self.farthest))
-        return over_l(_thinned(mean)[clear] * [flow, 1.0], self._errors(mean, change), walls)
+        points, errors = _thinned(mean)[clear] * [flow, 1.0], self._errors(mean, change)
+        return over_l(points, errors, walls.half_width, walls.half_width_error)
 
     def _errors(self, mean: Floats, change: float) -> EdgeErrors:
         """Return the errors of the mean of the outlines, which change along the channel by so much at their ends."""
@@ -310,9 +308,7 @@ class FrameRecord:
             if self.picture is None:
                 self.picture, self.detection, self.frame = picture.packed(), detection, frame
             return
-        walls, outline = detection.walls, detection.outline
-        assert walls is not None
-        assert outline is not None
+        walls, outline = detection.located()
         middle = centroid(outline.points)
         place = np.array([middle @ walls.along, middle @ walls.across])
         variance = centroid_variance(outline, walls.along) + _SAMPLING**2
@@ -383,8 +379,7 @@ class FilmCapsule:
             capsule_velocity,
             experiment,
             status=status,
-            walls="" if walls is None else walls.stated,
-            doubt="" if walls is None else walls.doubt,
+            walls=walls or "",
             source=str(film),
             sha256=sha256,
         )

@@ -89,7 +89,6 @@ class _Canvas:
 
 def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     walls = walls.centred_at(0.5 * (columns - 1))
-    middle = np.array([walls.centre_column, walls.centre_row])
     reach = 0.6 * columns
     dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
     wall = walls.half_width
@@ -98,7 +97,7 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
         if off:
             lines.append((side * (wall - off), *_DASHES, REAR))
     for place, drawn, skipped, colour in lines:
-        start = middle + place * walls.across
+        start = walls.middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
             canvas.line([start + end * walls.along for end in (first, first + drawn)], colour)
 
