@@ -161,7 +161,7 @@ def test_errors_grow_with_the_noise():
 
 def test_the_table_holds_lengths_and_integrals_over_l():
     made = drawn(0.05, 0.8)
-    found = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    found = seen(made)
     table = found.table()
     assert list(table.index) == ["L_z", "L_a", "L_p", "l", "perimeter", "area", "volume", "Lambda"]
     np.testing.assert_allclose(table["value_px"].iloc[:4], found.lengths)
@@ -174,8 +174,7 @@ SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
 
 
 def found(made, **options):
-    seen = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background), **options)
-    return silhouette_of(seen)
+    return silhouette_of(seen(made, **options))
 
 
 @pytest.mark.parametrize("blur", [0.7, 2.0])
@@ -196,19 +195,19 @@ def test_residuals_are_as_stated(blur):
 def test_edges_next_to_a_wall_are_left_out():
     """A capsule that leaves 3 px to either wall, blurred by 2 px: its flanks would lie 0.3 px too far out."""
     made = drawn(0.005, 1.125, optics=Optics(blur=2.0, electrons=5000))
-    detection = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    detection = seen(made)
     clearance = detection.walls.clearance(detection.outline.points)
     assert clearance.min() < 4.0
-    seen = silhouette_of(detection)
+    outline = silhouette_of(detection)
     whole = np.abs(np.asarray(made.scene.silhouette)[:, 1]).max()
-    assert np.abs(seen.points[:, 1] - np.median(seen.points[:, 1])).max() < whole - 0.01
+    assert np.abs(outline.points[:, 1] - np.median(outline.points[:, 1])).max() < whole - 0.01
     truth = np.asarray(made.scene.silhouette)
-    _, kept = aligned_with(seen.points, truth)
+    _, kept = aligned_with(outline.points, truth)
     every = (detection.outline.points - detection.axis) @ np.stack([detection.walls.along, detection.walls.across], 1)
     _, found_at_all = aligned_with(every / HALF_WIDTH, truth)
     flank = clearance < 2.0 * detection.walls.line_width
     assert found_at_all.distance[flank].mean() * HALF_WIDTH > 0.2
-    assert np.abs(kept.distance).max() < 3.0 * np.hypot(seen.noise.scale, seen.pose.offset)
+    assert np.abs(kept.distance).max() < 3.0 * np.hypot(outline.noise.scale, outline.pose.offset)
 
 
 def test_a_capsule_that_moves_to_the_left_looks_the_same():
@@ -231,7 +230,7 @@ def test_blurred_edges_are_less_sure():
 
 def test_a_rear_whose_edge_is_a_band_has_an_error_of_its_own():
     made = drawn(0.08, 1.05)
-    sharp = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    sharp = seen(made)
     outline = sharp.outline
     rear = sharp.flow * (outline.normals @ sharp.walls.along) < -0.7
     width = np.where(rear, np.hypot(outline.edge_width, 2.0), outline.edge_width)

@@ -23,8 +23,7 @@ from capsbayes.files.input_file import parsing, read_bytes, text_of
 if TYPE_CHECKING:
     import pandas as pd
 
-MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "none"))
-"""Cells, in lower case, that state no number."""
+MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "none"))  # in lower case
 
 _RUN_BY_SPREADSHEETS = ("=", "+", "-", "@", "\t")
 # the first of them that the first line holds

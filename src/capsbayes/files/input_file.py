@@ -22,7 +22,6 @@ Reader = Callable[[Any, str, str], Any]
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
-"""Endings of the files of pictures."""
 
 Keys = Mapping[str, Reader] | Collection[str]
 

@@ -24,8 +24,7 @@ from capsbayes.errors import InputError, NoRoomError
 if TYPE_CHECKING:
     import xarray as xr
 
-RECORD = ".capsbayes.sha256"
-"""File in a folder with the hashes of what was written into it, as ``sha256sum`` writes them."""
+RECORD = ".capsbayes.sha256"  # in each folder: hashes of what was written into it, as sha256sum writes them
 
 
 @dataclass(frozen=True)
@@ -61,23 +60,24 @@ def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwr
     """
     outer = _guard.get() or Guard()
     own = frozenset(_identity(path) for path in updated if path.exists())
-    token = _guard.set(Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated))
-    try:
+    with _set(_guard, Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated)):
         for path in inputs:
             note_input(path)
         yield
-    finally:
-        _guard.reset(token)
+
+
+def unguarded() -> contextlib.AbstractContextManager[None]:
+    """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
+    return _set(_guard, None)
 
 
 @contextlib.contextmanager
-def unguarded() -> Iterator[None]:
-    """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
-    token = _guard.set(None)
+def _set(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _guard.reset(token)
+        variable.reset(token)
 
 
 def note_input(path: Path) -> None:
@@ -89,8 +89,8 @@ def note_input(path: Path) -> None:
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    found = path.stat()
-    return found.st_dev, found.st_ino
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def is_ours(path: Path) -> bool:
@@ -154,11 +154,8 @@ def together() -> Iterator[None]:
         yield
         return
     files: dict[Path, Callable[[Path], object]] = {}
-    token = _waiting.set(files)
-    try:
+    with _set(_waiting, files):
         yield
-    finally:
-        _waiting.reset(token)
     _commit(files)
 
 
