@@ -1,6 +1,7 @@
 """Events of .rtdc files: a drawn one, and the recordings that come with the format's reference reader."""
 
 import io
+import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,6 @@ from capsbayes.cli import app
 from capsbayes.cli.measure import film
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.image import measure as files_of_detection
 from capsbayes.image.measure import write_detection
 from capsbayes.image.rtdc import RtdcFile, measure_rtdc
 from capsbayes.image.synthetic import Optics, Scene, draw
@@ -218,7 +218,7 @@ def test_an_interrupted_run_goes_on_with_the_next_part(path, tmp_path, monkeypat
         write_detection(folder, *rest)
 
     monkeypatch.setattr(film, "_PART", 1)
-    monkeypatch.setattr(files_of_detection, "write_detection", interrupted)
+    monkeypatch.setattr(sys.modules["capsbayes.image.measure"], "write_detection", interrupted)  # not the function
     EXPERIMENT.write(tmp_path / "experiment.toml")
     words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--out", str(tmp_path / "made")]
     words += ["--shared-velocity", "150 +/- 5 mm/s", "--pixel-size", "0.34 +/- 0.003 um"]
