@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
+from scipy.ndimage import correlate1d, gaussian_filter1d, map_coordinates, median_filter, spline_filter
 from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
@@ -52,7 +51,6 @@ _START_WIDTH = 1.5  # px
 AVERAGED = 3  # points: the errors of their means are almost independent
 _SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
 _NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
-_AROUND = 2 * _NEIGHBOURS + 1  # arcs
 _BEFOREHAND = 0.7, 0.5, 0.5  # px, and of the light: spreads of shift, contrast and brightness about those of the arc
 _BENDS = 0.15 * np.arange(-1.0, 4.0)  # 1/px: of the darkness inside an edge
 _BENDS_SPREAD = 0.15  # 1/px, beforehand
@@ -148,9 +146,7 @@ def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) 
     """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, of those kept (n,)."""
     # A curve that is smooth over five points has no fourth difference; tight corners are outliers. The noise of a pixel
     # tells less where a picture was compressed or filtered: its errors are then alike over several pixels.
-    fourth = _closed(points, 2)
-    for _ in range(4):
-        fourth = np.diff(fourth, axis=0)
+    fourth = correlate1d(points, [1.0, -4.0, 6.0, -4.0, 1.0], axis=0, mode="wrap")
     across = np.sum(fourth * normals, axis=1)[... if kept is None else kept]
     # of the middle four fifths: the errors of a compressed picture differ from place to place
     return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
@@ -224,7 +220,7 @@ def _filled(values: Floats, located: Booleans) -> Floats:
 
 def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
     """Return whether the edge of each arc was located: near the curve, dark inside, and as wide as around."""
-    around = np.sort(sliding_window_view(_closed(edge.width, _NEIGHBOURS), _AROUND), axis=1)[:, _NEIGHBOURS]
+    around = median_filter(edge.width, 2 * _NEIGHBOURS + 1, mode="wrap")
     alike = np.maximum(edge.width, around) < _ALIKE * np.minimum(edge.width, around)
     near = np.abs(edge.place) < 0.7 * window
     return np.asarray(edge.converged & alike & near & (edge.coefficients[:, 2] < -_CONTRAST))
@@ -245,11 +241,6 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
     curved = before - 2.0 * least + after
     vertex = 0.5 * (before - after) / curved if curved > 0.0 else np.sign(before - after)
     return float(_BENDS[best] + step * np.clip(vertex, -1.0, 1.0))
-
-
-def _closed(values: Floats, count: int) -> Floats:
-    """Return rows around an outline with the last of them before the first, and the first after the last."""
-    return np.concatenate([values[-count:], values, values[:count]])
 
 
 def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
@@ -332,7 +323,7 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     # the square of its width: the first term that the model lacks is quadratic.
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
-    top = int(np.argmax(_moving_mean(reach)))
+    top = int(np.argmax(correlate1d(reach, np.full(5, 0.2), mode="wrap")))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t, design = _design(window)
@@ -377,10 +368,6 @@ def _too_far(slope_variance: float, bend: float, variance: float) -> float:
     # square over the bend; of a flat curve no more than the standard error is taken off
     largest = float(np.sqrt(variance))
     return min(0.5 * slope_variance / bend, largest) if bend > 0.0 else largest
-
-
-def _moving_mean(values: Floats) -> Floats:
-    return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")
 
 
 # The concave rear, a second dark band inside the outline, whose middle is taken for the membrane. Where none is

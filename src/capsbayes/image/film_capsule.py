@@ -52,11 +52,6 @@ class Track:
     area: float = 0.0  # [px^2]: of the blob in the last of these frames
 
     @property
-    def size(self) -> float:
-        """Diameter of a circle of the area [px]."""
-        return 2.0 * float(np.sqrt(self.area / np.pi))
-
-    @property
     def velocity(self) -> float | None:
         """Velocity along the channel [px per frame], None in the first frame."""
         if len(self.frames) < 2:
@@ -113,7 +108,8 @@ class Linker:
         if velocity is None:
             return abs(float(step))
         distance = abs(float(step - velocity * passed))
-        return distance if distance < _ASTRAY * track.size + _UNCERTAIN * abs(velocity) * passed else _FAR
+        size = 2.0 * float(np.sqrt(track.area / np.pi))
+        return distance if distance < _ASTRAY * size + _UNCERTAIN * abs(velocity) * passed else _FAR
 
 
 # Outlines of frames are laid onto each other by least squares, as the likelihood leaves place and tilt open too. The
