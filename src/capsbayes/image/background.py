@@ -105,7 +105,7 @@ def take_turns(frames: Iterable[NDArray[Any]]) -> bool:
 def estimate_background(grey: Floats, walls: WallLines, percentile: float = _BRIGHT) -> Floats:
     """Estimate the background from one picture: the bright end of the levels on each line parallel to the walls."""
     bright, across = line_levels(grey, walls, percentile)
-    return np.interp(walls.offset((grey.shape[0], grey.shape[1])), across, bright)
+    return np.interp(walls.offset(grey.shape), across, bright)
 
 
 def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floats, Floats]:
@@ -192,9 +192,9 @@ def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
 def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
     """Return True if what differs most from the empty channel between the walls is brighter than it."""
     some = slice(None, None, _EVERY)
-    rows = walls.rows_around((empty.shape[0], empty.shape[1]))
+    rows = walls.rows_around(empty.shape)
     empty = empty[rows]
-    offset = walls.moved(0, -rows.start).offset((empty.shape[0], empty.shape[1]))
+    offset = walls.moved(0, -rows.start).offset(empty.shape)
     between = np.abs(offset[some, some]) < walls.half_width - _CLEAR * walls.line_width
     darkening = brightening = 0.0
     for frame in frames:
@@ -318,7 +318,7 @@ class Blob:
 def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
     """Find the dark blobs between the walls, from left to right, without what lies in erased boxes (k, 4) [px]."""
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
-    between = _between(walls, (light.shape[0], light.shape[1]))
+    between = _between(walls, light.shape)
     least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
     # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
     darkest = dark[between & (dark >= 2.0 * least)]

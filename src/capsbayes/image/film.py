@@ -260,7 +260,7 @@ def _view(
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
-    near = walls.rows_around((empty.shape[0], empty.shape[1]))
+    near = walls.rows_around(empty.shape)
     walls = walls.moved(0, -near.start)
     shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
@@ -287,7 +287,7 @@ def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
 def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, walls: WallLines) -> Floats | None:
     """Return the empty channel by the frames in which no capsule covers a pixel; None where these are too few."""
     # sought before a quantile that shows the channel also where they cover a place in most of the frames
-    near = walls.rows_around((empty.shape[0], empty.shape[1]))
+    near = walls.rows_around(empty.shape)
     walls, frames = walls.moved(0, -near.start), [frame[near] for frame in frames]
     bare = contrast.darkened(temporal_median(frames, share=_bare(contrast)))
     covered = []

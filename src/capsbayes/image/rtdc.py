@@ -235,7 +235,7 @@ def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity)
 
 def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any) -> WallLines:
     """Return the walls around the axis that is stated, by default where the empty channel is darkest."""
-    shape = (empty.shape[0], empty.shape[1])
+    shape = empty.shape
     walls = ByHand(pixel_size=pixel_size, axis=axis).lines(shape, experiment.half_width)
     assert walls is not None, "a pixel size is stated"
     if axis is not None:

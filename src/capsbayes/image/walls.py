@@ -69,14 +69,14 @@ class WallLines:
         """Unit vector (x, y) downwards across the centre line."""
         return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
 
-    def rows_around(self, shape: tuple[int, int]) -> slice:
+    def rows_around(self, shape: tuple[int, ...]) -> slice:
         """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on."""
         aside = max(self.centre_column, shape[1] - self.centre_column)
         reach = self.half_width + _MARGIN + abs(np.tan(self.tilt)) * aside
         first = max(0, min(int(self.centre_row - reach), shape[0] - _WHOLE)) // _WHOLE * _WHOLE
         return slice(first, min(shape[0], max(int(self.centre_row + reach) + 2, first + _WHOLE)))
 
-    def offset(self, shape: tuple[int, int]) -> Floats:
+    def offset(self, shape: tuple[int, ...]) -> Floats:
         """Return the distance of each pixel of a picture from the centre line, positive below : array of `shape`."""
         rows, columns = (np.arange(count, dtype=float) for count in shape)
         below, right = rows[:, None] - self.centre_row, columns - self.centre_column
