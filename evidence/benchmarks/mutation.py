@@ -86,11 +86,11 @@ ROOMS = {
         ),
     ),
     "edges": Room(
-        tuple(f"image/edges/{name}.py" for name in ("extent", "integrals", "models", "outline", "rear", "robust")),
+        ("image/edges.py", "image/edge_models.py"),
         (
-            *(f"tests/image/edges/test_{name}.py" for name in ("robust", "extent", "rear", "integrals", "models")),
-            "tests/image/edges/test_outline.py",
-            *(f"--deselect=tests/image/edges/test_integrals.py::test_{name}" for name in _WHOLE_PICTURES),
+            "tests/image/test_edges.py",
+            "tests/image/test_edge_models.py",
+            *(f"--deselect=tests/image/test_edges.py::test_{name}" for name in _WHOLE_PICTURES),
         ),
         interpreted=True,
     ),

@@ -1,13 +1,23 @@
+"""One capsule in a drawn picture: lengths, silhouette, camera, and what is wrong with a picture."""
+
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
-from drawn import HALF_WIDTH, circle, drawn
+import scipy.linalg
+from drawn import HALF_WIDTH, circle, drawn, shapes
+from scipy.ndimage import shift
 
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment
+from capsbayes.experiment import Camera, Experiment
+from capsbayes.image.by_hand import ByHand
+from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.image.files import Picture
-from capsbayes.image.measure import detect, measure
+from capsbayes.image.film import measure_film
+from capsbayes.image.measure import EdgeErrors, detect, measure, measurement_of_lengths, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.infer.outline import aligned_with
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -151,10 +161,326 @@ def test_errors_grow_with_the_noise():
 
 def test_the_table_holds_lengths_and_integrals_over_l():
     made = drawn(0.05, 0.8)
-    found = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background))
+    found = seen(made)
     table = found.table()
     assert list(table.index) == ["L_z", "L_a", "L_p", "l", "perimeter", "area", "volume", "Lambda"]
     np.testing.assert_allclose(table["value_px"].iloc[:4], found.lengths)
     assert table.loc["area", "value_over_l"] == pytest.approx(found.integrals.area.value / found.lengths[3] ** 2)
     assert table.loc["l", ["value_over_l", "error_over_l"]].tolist() == [1.0, 0.0]
     assert table.loc["Lambda", "error_over_l"] == pytest.approx(found.integrals.stretch_ratio.error)
+
+
+SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
+
+
+def found(made, **options):
+    return silhouette_of(seen(made, **options))
+
+
+@pytest.mark.parametrize("blur", [0.7, 2.0])
+def test_residuals_are_as_stated(blur):
+    """Normal distances from the true silhouette, whitened: of variance one."""
+    squares = []
+    for seed, shape in enumerate(SHAPES):
+        made = drawn(*shape, optics=Optics(blur=blur, electrons=5000), seed=seed)
+        seen = found(made)
+        points, feet = aligned_with(seen.points, np.asarray(made.scene.silhouette))
+        covariance = seen.noise.covariance(points) + seen.pose.offset**2
+        factor = scipy.linalg.cholesky(covariance, lower=True)
+        squares.append(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
+    assert 0.6 < np.mean(squares) < 1.3
+    assert max(squares) < 1.8
+
+
+def test_edges_next_to_a_wall_are_left_out():
+    """A capsule that leaves 3 px to either wall, blurred by 2 px: its flanks would lie 0.3 px too far out."""
+    made = drawn(0.005, 1.125, optics=Optics(blur=2.0, electrons=5000))
+    detection = seen(made)
+    clearance = detection.walls.clearance(detection.outline.points)
+    assert clearance.min() < 4.0
+    outline = silhouette_of(detection)
+    whole = np.abs(np.asarray(made.scene.silhouette)[:, 1]).max()
+    assert np.abs(outline.points[:, 1] - np.median(outline.points[:, 1])).max() < whole - 0.01
+    truth = np.asarray(made.scene.silhouette)
+    _, kept = aligned_with(outline.points, truth)
+    every = (detection.outline.points - detection.axis) @ np.stack([detection.walls.along, detection.walls.across], 1)
+    _, found_at_all = aligned_with(every / HALF_WIDTH, truth)
+    flank = clearance < 2.0 * detection.walls.line_width
+    assert found_at_all.distance[flank].mean() * HALF_WIDTH > 0.2
+    assert np.abs(kept.distance).max() < 3.0 * np.hypot(outline.noise.scale, outline.pose.offset)
+
+
+def test_a_capsule_that_moves_to_the_left_looks_the_same():
+    right, left = (found(drawn(0.08, 1.05, flow=flow)) for flow in (1, -1))
+    assert right.view == "silhouette"
+    # the blunt rear is behind: the centroid is nearer to it
+    for seen in (right, left):
+        z = seen.points[:, 0]
+        assert z.mean() < 0.5 * (z.max() + z.min())
+    for axis in (0, 1):
+        assert np.ptp(left.points[:, axis]) == pytest.approx(np.ptp(right.points[:, axis]), abs=0.005)
+
+
+def test_blurred_edges_are_less_sure():
+    sharp, blurred = (found(drawn(0.08, 1.05, optics=Optics(blur=blur))) for blur in (0.6, 2.0))
+    assert blurred.noise.scale > 1.2 * sharp.noise.scale
+    assert blurred.noise.white < sharp.noise.white
+    assert blurred.pose.offset > sharp.pose.offset
+
+
+def test_a_rear_whose_edge_is_a_band_has_an_error_of_its_own():
+    made = drawn(0.08, 1.05)
+    sharp = seen(made)
+    outline = sharp.outline
+    rear = sharp.flow * (outline.normals @ sharp.walls.along) < -0.7
+    width = np.where(rear, np.hypot(outline.edge_width, 2.0), outline.edge_width)
+    band = replace(sharp, outline=replace(outline, edge_width=width))
+    assert EdgeErrors.of(sharp).rear == 0.0
+    assert EdgeErrors.of(band).rear == pytest.approx(2.0, rel=0.1)
+    assert silhouette_of(band).pose.rear == pytest.approx(2.0 / sharp.walls.half_width, rel=0.1)
+    assert EdgeErrors.of(replace(band, flow=0)).rear == 0.0
+
+
+def test_without_a_direction_there_is_none():
+    disc = circle(0.8)
+    made = draw(Scene(disc, disc, half_width=HALF_WIDTH), Optics(), seed=2)
+    assert found(made) is None
+    assert found(made, flow="right") is not None
+
+
+FAULTS = {"pixel_aspect": 1.03, "distortion": -0.006, "taper": 0.01}
+
+
+def photographed(picture, name, size):
+    """Return the picture that a camera with a fault takes: where each of its pixels looks in the true picture."""
+    rows, columns = picture.shape
+    y, x = np.mgrid[:rows, :columns].astype(float)
+    middle = np.array([0.5 * (columns - 1), 0.5 * (rows - 1)])
+    away = (np.stack([x, y], axis=-1) - middle) / HALF_WIDTH
+    if name == "pixel_aspect":
+        away = away / [size, 1.0]
+    elif name == "distortion":  # seen at r (1 + size r^2); Newton's method for r
+        seen = radius = np.hypot(away[..., 0], away[..., 1])
+        for _ in range(20):
+            radius = radius - (radius * (1.0 + size * radius**2) - seen) / (1.0 + 3.0 * size * radius**2)
+        away = away * (radius / np.maximum(seen, 1e-9))[..., None]
+    else:
+        away = away / (1.0 + size * away[..., :1])
+    source = (away * HALF_WIDTH + middle).astype(np.float32)
+    return cv2.remap(picture, source[..., 0], source[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+
+def walls_seen(name, size, columns):
+    """Return what is stated of the walls, which are bent or open: their mean along the picture."""
+    along = (np.arange(columns) - 0.5 * (columns - 1)) / HALF_WIDTH
+    wider = {"pixel_aspect": 0.0 * along, "distortion": size * (1.0 + along**2), "taper": size * along}[name]
+    half = HALF_WIDTH * (1.0 + wider.mean())
+    return ByHand(walls=(99.5 - half, 99.5 + half))
+
+
+@pytest.mark.parametrize("flow", [1, -1])
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_stated_fault_is_taken_out(name, flow):
+    size = FAULTS[name]
+    made = drawn(0.08, 1.0, flow=flow, shape=(200, 320), centre=(180.0, 99.5), optics=Optics(electrons=20_000))
+    picture, empty = (photographed(it, name, size) for it in (made.picture, made.background))
+    camera = Camera(**{name: f"{size!r} +/- 0.002"})
+    options = {"capsule_velocity": VELOCITY, "background": empty, "by_hand": walls_seen(name, size, 320)}
+    faulty = measure(picture, EXPERIMENT, **options)
+    found = measure(picture, replace(EXPERIMENT, camera=camera), **options)
+    truth = np.array([made.axial_extent, made.axial_length]) / HALF_WIDTH
+    np.testing.assert_allclose(found.lengths, truth, atol=0.006)
+    shape = np.asarray(made.scene.silhouette)
+    assert np.abs(aligned_with(found.outline.points, shape)[1].distance).max() < 0.012
+    before, after = (aligned_with(it.outline.points, shape)[1].distance.std() for it in (faulty, found))
+    assert after < 0.6 * before
+    assert getattr(found.outline.pose, name) == pytest.approx(0.002)
+    assert found.outline.pose.middle == pytest.approx(flow * (180.0 - 159.5) / HALF_WIDTH, abs=0.05)
+    assert np.all(np.diag(found.covariance) >= np.diag(faulty.covariance) * 0.9)
+
+
+def test_an_uncertain_camera_makes_lengths_uncertain():
+    made = drawn(0.08, 1.0)
+    camera = Camera(pixel_aspect="1.00 +/- 0.01")
+    plain, found = (
+        measure(made.picture, replace(EXPERIMENT, camera=it), capsule_velocity=VELOCITY, background=made.background)
+        for it in (None, camera)
+    )
+    np.testing.assert_allclose(found.lengths, plain.lengths, rtol=1e-12)
+    added = 0.01 * plain.lengths
+    np.testing.assert_allclose(found.covariance - plain.covariance, np.outer(added, added), rtol=0.05)
+
+
+def test_a_contour_has_square_pixels_if_their_aspect_is_stated(tmp_path):
+    profile = np.asarray(shapes()["profile"][40])
+    path = tmp_path / "contour.csv"
+    np.savetxt(path, 50.0 * profile * [1.03, 1.0] + 200.0, delimiter=",", header="x_px,y_px", comments="")
+    options = {"capsule_velocity": VELOCITY, "flow": "right", "pixel_size": Quantity(0.5e-6, 2e-9, "m")}
+    stated = replace(EXPERIMENT, camera=Camera(pixel_aspect="1.03 +/- 0.004"))
+    found = measure_contour(ContourFile.read(path), stated, **options)
+    faulty = measure_contour(ContourFile.read(path), EXPERIMENT, **options)
+    assert found.axial_extent == pytest.approx(np.ptp(profile[:, 0]), rel=1e-4)
+    assert faulty.axial_extent == pytest.approx(1.03 * found.axial_extent)
+    assert found.outline.pose.pixel_aspect == pytest.approx(0.004)
+    assert found.axial_extent_error > np.hypot(0.9 * faulty.axial_extent_error / 1.03, 0.003 * found.axial_extent)
+    bent = replace(EXPERIMENT, camera=Camera(distortion=-0.01))
+    with pytest.raises(InputError, match="camera: expected pixel_aspect alone for a contour"):
+        measure_contour(ContourFile.read(path), bent, **options)
+
+
+def test_lengths_without_their_picture_refuse_a_camera():
+    stated = replace(EXPERIMENT, camera=Camera(pixel_aspect=1.02))
+    lengths = np.array([100.0, 90.0, 10.0, 60.0])
+    with pytest.raises(InputError, match="camera: expected none for a film"):
+        measurement_of_lengths(lengths, np.eye(4), VELOCITY, stated)
+
+
+MADE = drawn(0.03, 0.8, seed=4, shape=(160, 260), optics=Optics(electrons=8000))
+SEEN, EMPTY = MADE.picture.astype(float), MADE.background.astype(float)
+ROWS, COLUMNS = SEEN.shape
+Y, X = np.mgrid[:ROWS, :COLUMNS].astype(float)
+AROUND = ((X - 129.5) / 130.0) ** 2 + ((Y - 79.5) / 80.0) ** 2
+
+
+def counts(grey):
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def turned(grey, degrees):
+    turn = cv2.getRotationMatrix2D((129.5, 79.5), degrees, 1.0)
+    return cv2.warpAffine(grey, turn, (COLUMNS, ROWS), borderMode=cv2.BORDER_REPLICATE)
+
+
+def measured(picture, background=None, **how):
+    return measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, background=background, **how)
+
+
+def check(picture, background=None):
+    """The lengths over l hold the truth within three standard errors."""
+    found = measured(picture, background)
+    assert found.status is Status.DONE
+    assert abs(found.axial_extent - MADE.axial_extent / MADE.half_width) < 3.0 * found.axial_extent_error
+
+
+@pytest.mark.parametrize(
+    ("picture", "background", "message"),
+    [
+        (SEEN, counts(0.7 * EMPTY), r"darker: its median is 0\.7 of the picture's; take both with the same exposure"),
+        (0.5 * SEEN, EMPTY, "brighter: its median is 2 of the picture's"),
+        (np.rint(16 * SEEN).astype(np.uint16), MADE.background, r"darker: .* \(8 bits, and the picture 12\)"),
+        (MADE.picture, np.rint(16 * EMPTY).astype(np.uint16), r"brighter: .* \(12 bits, and the picture 8\)"),
+        (SEEN, shift(EMPTY, (3, 0), order=1, mode="nearest"), r"lies 3\.0 px lower than it"),
+        (SEEN, shift(EMPTY, (-5, 0), order=1, mode="nearest"), r"lies 5\.0 px higher than it"),
+        (SEEN, turned(EMPTY, 1.0), r"is turned by 1\.0 degrees"),
+        (SEEN, np.roll(SEEN, 20, axis=1), "the empty channel, got one with something dark at column 1"),
+        (SEEN, SEEN, "the empty channel, got one with something dark at column 12"),
+    ],
+)
+def test_a_background_that_does_not_fit_is_named(picture, background, message):
+    with pytest.raises(InputError, match=f"background: expected .*{message}.*, or leave the background out"):
+        measured(picture, background)
+
+
+@pytest.mark.parametrize(
+    "background",
+    [0.85 * EMPTY, 1.15 * EMPTY, shift(EMPTY, (1, 0), order=1, mode="nearest"), EMPTY[:, ::-1], EMPTY[::-1]],
+)
+def test_a_background_that_is_hardly_off_does_no_harm(background):
+    check(MADE.picture, counts(background))
+
+
+def test_levels_below_zero_are_named_and_black_is_not_called_bright():
+    with pytest.raises(InputError, match=r"got \d+% of them below zero, as after a subtraction; give the"):
+        measured((SEEN - 150.0).astype(np.int16))
+    check((SEEN - 30.0).astype(np.int16))
+    assert measured(counts(SEEN - 130.0), by_hand=ByHand(walls=(19.5, 139.5), contrast="dark")).status is Status.BLACK
+
+
+def test_what_is_no_picture_of_grey_levels_is_named():
+    for mask in (SEEN > 120.0, 255 * (SEEN > 120.0).astype(np.uint8), 64 * (MADE.picture // 64)):
+        with pytest.raises(
+            InputError, match=r"expected grey levels of a camera, got (two|4) levels, as behind a thresh"
+        ):
+            measured(mask)
+    for kind in (complex, str, object):
+        with pytest.raises(InputError, match="expected real numbers as grey levels, got values of another kind"):
+            measured(SEEN.astype(kind))
+
+
+@pytest.mark.parametrize("loss", [0.3, 0.5, 0.6])
+@pytest.mark.parametrize("with_background", [False, True])
+def test_vignetting_is_measured_right(loss, with_background):
+    light = 1.0 - 0.5 * loss * AROUND
+    check(counts(SEEN * light), counts(EMPTY * light) if with_background else None)
+    check(counts(SEEN * (1.0 - loss * X / COLUMNS)))
+
+
+@pytest.mark.parametrize("deep", [0.3, 0.5])
+@pytest.mark.parametrize("wide", [4, 8, 15])
+def test_a_shadow_on_a_wall_is_measured_right_or_named(deep, wide):
+    inwards = Y - (79.5 - MADE.half_width)
+    shade = 1.0 - deep * np.exp(-np.maximum(0.0, inwards - wide) / 2.0) * (inwards > 0.0)
+    check(counts(SEEN * shade))
+    half = np.where(X < COLUMNS / 2, 1.0, shade)
+    assert measured(counts(SEEN * half), MADE.background).status is Status.SHADED
+
+
+@pytest.mark.parametrize("level", [0, 40, 255])
+@pytest.mark.parametrize("with_background", [False, True])
+def test_a_dead_row_or_column_is_filled_or_named(level, with_background):
+    for place in (np.s_[5], np.s_[27], np.s_[79], np.s_[:, 8], np.s_[:, 129]):
+        picture, background = MADE.picture.copy(), MADE.background.copy()
+        picture[place] = background[place] = level
+        check(picture, background if with_background else None)
+    picture[:, round(MADE.outline[:, 0].max())] = level
+    assert measured(picture, MADE.background if with_background else None).status is Status.DEAD_COLUMN
+
+
+@pytest.mark.parametrize("place", [np.s_[50, :130], np.s_[79:81, 130:], np.s_[60, 100:]])
+def test_half_a_dead_row_is_named(place):
+    """It joins the capsule to the border."""
+    picture = MADE.picture.copy()
+    picture[place] = 0
+    assert measured(picture).status is measured(picture, MADE.background).status is Status.SHADED
+    assert measured(MADE.picture[:, 100:]).status is Status.TOUCHES_BORDER
+
+
+def test_the_walls_of_two_channels_are_no_channel():
+    stacked = np.vstack([MADE.picture, MADE.picture])
+    assert measured(stacked).status is Status.NO_WALLS
+    assert "or several channels; cut it around one" in str(Status.NO_WALLS)
+    cut = measured(stacked, by_hand=ByHand(crop=(0, 0, COLUMNS, ROWS)))
+    np.testing.assert_allclose(cut.lengths, measured(MADE.picture).lengths)
+
+
+def test_hot_pixels_do_no_harm():
+    picture = MADE.picture.copy()
+    random = np.random.default_rng(1)
+    picture[random.integers(0, ROWS, 40), random.integers(0, COLUMNS, 40)] = 255
+    check(picture, MADE.background)
+
+
+def test_a_channel_that_runs_up_and_down_is_named_and_turned_when_asked(tmp_path):
+    upright, empty = np.rot90(MADE.picture), np.rot90(MADE.background)  # by a quarter counterclockwise
+    for background in (None, empty):
+        assert measured(upright, background).status is Status.UPRIGHT
+        found = measured(upright, background, by_hand=ByHand(rotate="90"))
+        np.testing.assert_allclose(
+            found.lengths, measured(MADE.picture, None if background is None else MADE.background).lengths
+        )
+    placed = ByHand(rotate=90, pixel_size="0.4167 +/- 0.004 um", axis=79.5)
+    seen = detect(Picture.from_array(upright), by_hand=placed, half_width="25 +/- 0.2 um")
+    assert seen.lengths[0] == pytest.approx(MADE.axial_extent, abs=0.4)
+    unturned = ByHand(pixel_size="0.4167 +/- 0.004 um")
+    assert detect(Picture.from_array(upright), by_hand=unturned, half_width="25 um").status is Status.UPRIGHT
+    with pytest.raises(InputError, match="rotate: expected 90, 180, 270 degrees clockwise, got '45'"):
+        ByHand(rotate="45")
+    folder = tmp_path / "film"
+    folder.mkdir()
+    for number in range(12):
+        at = (60.0 + 10.0 * number, 44.5)
+        frame = drawn(0.03, 0.8, half_width=30.0, seed=number, shape=(90, 240), centre=at).picture
+        cv2.imwrite(str(folder / f"{number}.png"), np.rot90(frame))
+    assert measure_film(folder, EXPERIMENT, frame_rate="400 Hz").status is Status.UPRIGHT
+    film = measure_film(folder, EXPERIMENT, frame_rate="400 Hz", by_hand=ByHand(rotate=90))
+    assert film.capsules[0].status is Status.DONE

@@ -80,28 +80,6 @@ def test_a_polygon_through_pixel_centres_is_not_taken_for_the_edge(tmp_path):
         measured(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "no names of columns"),
-        ("length,width\n1,2\n", "columns: expected x_px, y_px or x_um, y_um, got length, width"),
-        ("x_um,y_um\n1,2\n3,4\n", "points: expected at least 16 points, got 2"),
-        ("x_um,y_um\n1,2\n3,\n", "line 3: expected numbers for x_um and y_um, got 3, nan"),
-    ],
-)
-def test_a_file_without_points_is_refused_in_one_line(tmp_path, content, message):
-    path = tmp_path / "c.csv"
-    path.write_text(content)
-    with pytest.raises(InputError, match=message) as caught:
-        ContourFile.read(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_points_in_pixels_need_the_size_of_a_pixel(tmp_path):
-    with pytest.raises(InputError, match="pixel size: expected one with an error"):
-        measured(written(tmp_path / "c.csv", 20.0 * circle(1.0)), pixel_size=None)
-
-
 def clicked(radius=30.0, count=30, scatter=0.0, seed=0):
     """Points that a hand set on a circle, at unequal distances."""
     random = np.random.default_rng(seed)
@@ -186,38 +164,6 @@ def test_a_silhouette_drawn_by_hand_tells_the_capsule(tmp_path):
     assert posterior.marginals["size_ratio"].upper_95 < 1.15 * posterior.marginals["size_ratio"].lower_95
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("c.roi", b"", "expected an ImageJ ROI"),
-        ("c.roi", b"PK" * 60, "got another file"),
-        ("c.roi", roi(clicked(), kind=1), "got a ROI of type 1"),
-        ("c.roi", roi(clicked())[:120], "expected an ImageJ ROI"),
-        ("c.json", b'{"shapes": [{"points": [[1' + b"0" * 400 + b", 2]]}]}", "a LabelMe file with a polygon"),
-        ("c.json", b"{", "a LabelMe file with a polygon"),
-        ("c.json", b'{"shapes": [{"points": [[1]]}]}', "a LabelMe file with a polygon"),
-        ("c.json", b'{"shapes": []}', "expected one polygon, the contour, got none"),
-        ("c.json", labelme(clicked(), {"label": "cell 2", "points": []}), "got capsule, cell 2"),
-        ("c.json", labelme(clicked(count=8)), "at least 16 points, got 8"),
-        ("c.json", labelme(clicked() * np.nan), "point 1: expected finite coordinates, got nan, nan"),
-    ],
-)
-def test_a_drawing_without_one_contour_is_refused_in_one_line(tmp_path, name, content, message):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        ContourFile.read(tmp_path / name)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_contour_in_micrometres_needs_the_error_of_its_edge(tmp_path):
-    with pytest.raises(InputError, match="edge error: expected that of a contour in um"):
-        measured(written(tmp_path / "c.csv", 20.0 * circle(1.0), "x_um,y_um"), edge_error=None)
-    (tmp_path / "c.json").write_bytes(labelme(clicked()))
-    with pytest.raises(InputError, match=r"unit: expected px, in which a .json file is"):
-        ContourFile.read(tmp_path / "c.json", "um")
-
-
 def test_walls_give_the_scale_of_a_contour_in_pixels(tmp_path):
     """l is half the distance of the walls: the error of the half width in metres is none of the lengths over l."""
     profile, extent, length = parachute()
@@ -229,21 +175,6 @@ def test_walls_give_the_scale_of_a_contour_in_pixels(tmp_path):
     assert found.axial_extent_error == pytest.approx(np.sqrt(own + (0.2 / np.sqrt(2.0) / 50.0 * extent) ** 2), rel=1e-3)
     assert found.walls == "walls by hand at rows 30.7, 130.7 px, each +/- 0.2 px"
     assert found.outline.pose.offset > 0.0
-
-
-@pytest.mark.parametrize(
-    ("header", "given", "message"),
-    [
-        ("x_px,y_px", {"walls": "60, 130.7"}, "walls: expected one wall on either side of the contour, whose rows are"),
-        ("x_px,y_px", {"walls": "30 31, 130 131"}, "walls: expected two rows: a contour does not tell the borders"),
-        ("x_um,y_um", {"walls": "30.7, 130.7"}, "walls: expected a contour in pixels, as the walls are, got"),
-        ("x_px,y_px", {"walls": "30.7"}, "walls: expected the rows of two walls in px"),
-    ],
-)
-def test_walls_that_do_not_suit_a_contour_are_refused(tmp_path, header, given, message):
-    path = written(tmp_path / "c.csv", 40.0 * circle(1.0) + [200.3, 80.7], header)
-    with pytest.raises(InputError, match=message):
-        measured(path, pixel_size=None, **given)
 
 
 def turned(*parts):
@@ -261,22 +192,9 @@ def eight(shift):
 WHOLE = turned((0.0, 1.0, 64))
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
-        (eight(0.0), "crosses itself"),
-        (eight(0.5), "crosses itself"),
-        (np.random.default_rng(1).permutation(WHOLE), "points that are not in order"),
-        (np.concatenate([WHOLE, WHOLE]), "a second loop"),
-        (np.concatenate([WHOLE, 0.4 * WHOLE[::-2] + 0.6 * WHOLE.mean(axis=0)]), "a second loop"),
-        (np.concatenate([WHOLE, 0.4 * WHOLE[::2] + 0.6 * WHOLE.mean(axis=0)]), "crosses itself"),
-        (turned((0.0, 0.75, 48)), r"points all around the capsule, once, got none between \(96.38, 40.39\) and \("),
-        (turned((0.125, 1.0, 350)), "points all around the capsule, once, got none between"),
-    ],
-)
-def test_a_contour_that_is_not_one_whole_line_is_refused(tmp_path, points, words):
-    with pytest.raises(InputError, match=words):
-        measured(written(tmp_path / "c.csv", points))
+def inner(step):
+    """Every so many points of the circle, on a smaller one."""
+    return 0.4 * WHOLE[::step] + 0.6 * WHOLE.mean(axis=0)
 
 
 def spiked(count, share, width=1):
@@ -344,27 +262,78 @@ def test_points_of_other_programs(tmp_path, form, separator, decimal, heading):
     np.testing.assert_allclose(found.points, WHOLE, atol=0.006)
 
 
+DISC, WALLED = 20.0 * circle(1.0), 40.0 * circle(1.0) + [200.3, 80.7]
+
+
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("name", "content", "given", "message"),
     [
-        ("x_px,y_px\n168,01,79,71\n", "line 2: expected 2 cells, got 4, separated by ','; write decimal points"),
-        ("x_px,y_px\n1,2\nNaN,79.71\n", "line 3: expected numbers for x_px and y_px, got nan, 79.71"),
-        ("x_px,y_px\n1,2\n\n3,4\n", "line 4: expected numbers for x_px and y_px, got 3, 4, below a blank row"),
-        ("x_px;y_px\n1,5;2\n1.5;2\n", "one decimal mark, a comma or a point, got '1,5' in line 2 and '1.5' in line 3"),
+        ("c.csv", "", {}, "no names of columns"),
+        ("c.csv", "length,width\n1,2\n", {}, "columns: expected x_px, y_px or x_um, y_um, got length, width"),
+        ("c.csv", "x_um,y_um\n1,2\n3,4\n", {}, "points: expected at least 16 points, got 2"),
+        ("c.csv", "x_um,y_um\n1,2\n3,\n", {}, "line 3: expected numbers for x_um and y_um, got 3, nan"),
+        ("c.csv", "x_px,y_px\n168,01,79,71\n", {}, "2 cells, got 4, separated by ','; write decimal points"),
+        ("c.csv", "x_px,y_px\n1,2\nNaN,79.71\n", {}, "line 3: expected numbers for x_px and y_px, got nan, 79.71"),
+        (
+            "c.csv",
+            "x_px,y_px\n1,2\n\n3,4\n",
+            {},
+            "line 4: expected numbers for x_px and y_px, got 3, 4, below a blank row",
+        ),
+        ("c.csv", "x_px;y_px\n1,5;2\n1.5;2\n", {}, "a comma or a point, got '1,5' in line 2 and '1.5' in line 3"),
+        ("c.csv", "x_px,y_px\n1,2\n", {"unit": "mm"}, "unit: expected px, which its columns state, got 'mm'"),
+        ("c.csv", "x_px,y_px\n1,2\n", {"unit": "um"}, "unit: expected px, which its columns state, got 'um'"),
+        ("c.csv", "x,y\n1,2\n", {}, "or the unit px or um, got none of them"),
+        ("c.csv", ("x_px,y_px", DISC), {"pixel_size": None}, "pixel size: expected one with an error"),
+        ("c.csv", ("x_um,y_um", DISC), {"edge_error": None}, "edge error: expected that of a contour in um"),
+        (
+            "c.csv",
+            ("x_px,y_px", WALLED),
+            {"walls": "60, 130.7"},
+            "one wall on either side of the contour, whose rows are",
+        ),
+        ("c.csv", ("x_px,y_px", WALLED), {"walls": "30 31, 130 131"}, "two rows: a contour does not tell the borders"),
+        ("c.csv", ("x_um,y_um", WALLED), {"walls": "30.7, 130.7"}, "a contour in pixels, as the walls are, got"),
+        ("c.csv", ("x_px,y_px", WALLED), {"walls": "30.7"}, "walls: expected the rows of two walls in px"),
+        ("c.csv", ("x_px,y_px", eight(0.0)), {}, "crosses itself"),
+        ("c.csv", ("x_px,y_px", eight(0.5)), {}, "crosses itself"),
+        ("c.csv", ("x_px,y_px", np.random.default_rng(1).permutation(WHOLE)), {}, "points that are not in order"),
+        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, WHOLE])), {}, "a second loop"),
+        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, inner(-2)])), {}, "a second loop"),
+        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, inner(2)])), {}, "crosses itself"),
+        (
+            "c.csv",
+            ("x_px,y_px", turned((0.0, 0.75, 48))),
+            {},
+            "around the capsule, once, got none between (96.38, 40.39) and (",
+        ),
+        (
+            "c.csv",
+            ("x_px,y_px", turned((0.125, 1.0, 350))),
+            {},
+            "points all around the capsule, once, got none between",
+        ),
+        ("c.roi", b"", {}, "expected an ImageJ ROI"),
+        ("c.roi", b"PK" * 60, {}, "got another file"),
+        ("c.roi", roi(clicked(), kind=1), {}, "got a ROI of type 1"),
+        ("c.roi", roi(clicked())[:120], {}, "expected an ImageJ ROI"),
+        ("c.json", b'{"shapes": [{"points": [[1' + b"0" * 400 + b", 2]]}]}", {}, "a LabelMe file with a polygon"),
+        ("c.json", b"{", {}, "a LabelMe file with a polygon"),
+        ("c.json", b'{"shapes": [{"points": [[1]]}]}', {}, "a LabelMe file with a polygon"),
+        ("c.json", b'{"shapes": []}', {}, "expected one polygon, the contour, got none"),
+        ("c.json", labelme(clicked(), {"label": "cell 2", "points": []}), {}, "got capsule, cell 2"),
+        ("c.json", labelme(clicked(count=8)), {}, "at least 16 points, got 8"),
+        ("c.json", labelme(clicked() * np.nan), {}, "point 1: expected finite coordinates, got nan, nan"),
+        ("c.json", labelme(clicked()), {"unit": "um"}, "unit: expected px, in which a .json file is"),
     ],
 )
-def test_points_that_could_be_misread_are_refused(tmp_path, text, words):
-    (tmp_path / "c.csv").write_text(text)
+def test_what_is_no_contour_or_lacks_what_it_needs_is_refused_in_one_line(tmp_path, name, content, given, message):
+    path = tmp_path / name
+    if isinstance(content, tuple):
+        written(path, content[1], content[0])
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(InputError) as caught:
-        ContourFile.read(tmp_path / "c.csv")
-    assert words in str(caught.value)
-
-
-def test_a_unit_against_the_columns_is_refused(tmp_path):
-    (tmp_path / "c.csv").write_text("x_px,y_px\n1,2\n")
-    for unit in ("mm", "um"):
-        with pytest.raises(InputError, match=f"unit: expected px, which its columns state, got '{unit}'"):
-            ContourFile.read(tmp_path / "c.csv", unit)
-    (tmp_path / "c.csv").write_text("x,y\n1,2\n")
-    with pytest.raises(InputError, match="or the unit px or um, got none of them"):
-        ContourFile.read(tmp_path / "c.csv")
+        measured(path, **({"pixel_size": None} if "walls" in given else {}) | given)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -18,7 +18,6 @@ from capsbayes.status import Status
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"
 PAGE = Path(__file__).parents[2] / "evidence" / "results" / "real-capsule.md"
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "capsule_tube"
-
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")
 
 

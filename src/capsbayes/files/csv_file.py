@@ -23,17 +23,11 @@ from capsbayes.files.input_file import parsing, read_bytes, text_of
 if TYPE_CHECKING:
     import pandas as pd
 
-MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "none"))
-"""Cells, in lower case, that state no number."""
+MISSING = frozenset(("", "na", "n/a", "#n/a", "<na>", "nan", "-nan", "null", "none"))  # in lower case
 
 _RUN_BY_SPREADSHEETS = ("=", "+", "-", "@", "\t")
-_SEPARATORS = {
-    "\t": "a tab",
-    ";": "';'",
-    "|": "'|'",
-    ",": "','",
-    " ": "blanks",
-}  # the first of them that the first line holds
+# the first of them that the first line holds
+_SEPARATORS = {"\t": "a tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
 _OF_EXCEL = re.compile(r"\A\"?sep=.\"?\n", re.IGNORECASE)
 _WITH_COMMA = re.compile(r"[+-]?(\d*,\d+|\d+,)(e[+-]?\d+)?", re.IGNORECASE)
 _MOST_COLUMNS = 1000
@@ -49,33 +43,7 @@ _SUMMARIES = re.compile(
 def read_columns(
     path: str | Path, noun: str = "table", *, texts: Collection[str] = (), unnamed: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Read a table whose first line names the columns and whose other lines have as many cells.
-
-    A text file is in UTF-8, UTF-16 or Windows-1252. Its first line shows whether tabs, semicolons, commas or blanks
-    separate the cells. Behind tabs and semicolons the decimal mark may be a comma, if it is one in the whole file. Of
-    an ``.xlsx`` file the one sheet that is not empty is read. Empty columns behind the last name are ignored.
-
-    Parameters
-    ----------
-    path : path
-    noun : str
-        What the file should be, for the message of an error.
-    texts : collection of str
-        Columns whose cells are no numbers.
-    unnamed : sequence of str
-        Names of the columns of a file whose first line holds numbers.
-
-    Returns
-    -------
-    pandas DataFrame
-        Numbers as such, other cells as texts, empty ones as NaN; a blank line is a row of NaN. Its index is the number
-        of the line in the file.
-
-    Raises
-    ------
-    InputError
-        On a file that is missing or no such table.
-    """
+    """Read a table whose first line names the columns and whose other lines have as many cells."""
     where, raw = str(path), read_bytes(path, noun)
     with parsing(where, f"a readable {noun}"):
         if Path(path).suffix.lower() == ".xlsx":
@@ -194,17 +162,7 @@ def _checked_names(names: list[str], where: str) -> list[str]:
 
 
 def read_numbers(path: str | Path, columns: Sequence[str], noun: str = "table") -> Floats:
-    """Read columns of finite numbers of a table, and ignore the others.
-
-    Returns
-    -------
-    (n, len(columns)) array
-
-    Raises
-    ------
-    InputError
-        On a column that is missing, or a row without numbers or that is none of the table's own.
-    """
+    """Read columns of finite numbers of a table, and ignore the others."""
     table = read_columns(path, noun)
     for name in columns:
         if name not in table:
@@ -213,13 +171,7 @@ def read_numbers(path: str | Path, columns: Sequence[str], noun: str = "table") 
 
 
 def finite_numbers(table: pd.DataFrame, columns: Sequence[str], where: str) -> Floats:
-    """Return columns of a table of `read_columns` as an (n, len(columns)) array, without blank rows.
-
-    Raises
-    ------
-    InputError
-        On a cell without a finite number, and on a row below a blank one or of a spreadsheet's summary.
-    """
+    """Return columns of a table of `read_columns` as an (n, len(columns)) array, without blank rows."""
     import pandas as pd
 
     blank = blank_rows(table)
@@ -249,13 +201,7 @@ def blank_rows(table: pd.DataFrame) -> Booleans:
 
 
 def is_summary(name: object) -> bool:
-    """Return True for the name of a row in which a spreadsheet sums up those above.
-
-    Examples
-    --------
-    >>> [is_summary(name) for name in ("Mean (n = 12)", "grand mean", "Mittelwert:", "75%", "capsule 7", "max-1")]
-    [True, True, True, True, False, False]
-    """
+    """Return True for the name of a row in which a spreadsheet sums up those above."""
     bare = re.sub(r"\(.*?\)|\bn\s*=\s*\d+", " ", str(name).casefold().replace(".", ""))
     bare = re.sub(r"\A\s*\d+\s*%\s*\Z", "percentile", bare)
     bare = re.sub(r"\d+\s*(%|th\b)", " ", bare)
@@ -263,13 +209,7 @@ def is_summary(name: object) -> bool:
 
 
 def safe_cell(text: str) -> str:
-    """Return a text for a cell of a CSV file, behind an apostrophe if a spreadsheet would run it as a formula.
-
-    Examples
-    --------
-    >>> safe_cell("=1+1"), safe_cell("-0.5"), safe_cell("capsule 1")
-    ("'=1+1", '-0.5', 'capsule 1')
-    """
+    """Return a text for a cell of a CSV file, behind an apostrophe if a spreadsheet would run it as a formula."""
     text = text.replace("\r", " ")  # which the csv module leaves without quotes
     if not text.lstrip("'").startswith(_RUN_BY_SPREADSHEETS):
         return text
@@ -281,13 +221,7 @@ def safe_cell(text: str) -> str:
 
 
 def plain_cell(text: str) -> str:
-    """Return the text of a cell that `safe_cell` made.
-
-    Examples
-    --------
-    >>> plain_cell("'=1+1"), plain_cell("'quoted'")
-    ('=1+1', "'quoted'")
-    """
+    """Return the text of a cell that `safe_cell` made."""
     return text[1:] if text.startswith("'") and text.lstrip("'").startswith(_RUN_BY_SPREADSHEETS) else text
 
 

@@ -22,7 +22,6 @@ Reader = Callable[[Any, str, str], Any]
 
 PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
-"""Endings of the files of pictures."""
 
 Keys = Mapping[str, Reader] | Collection[str]
 
@@ -31,71 +30,28 @@ _SHOWN = 40  # letters of a number that is none, in a message
 
 @dataclass(frozen=True, eq=False)
 class InputFile:
-    """Content of a TOML file.
+    """Content of a TOML file."""
 
-    Parameters
-    ----------
-    path : Path
-        Place of the file.
-    content : mapping
-        Keys and tables.
-    sha256 : str
-        Fingerprint of its bytes.
-    """
-
-    path: Path
-    content: Mapping[str, Any]
-    sha256: str
+    path: Path  # place of the file
+    content: Mapping[str, Any]  # keys and tables
+    sha256: str  # fingerprint of its bytes
 
     @classmethod
     def read(cls, path: str | Path) -> InputFile:
-        """Read a file.
-
-        Raises
-        ------
-        InputError
-            If it is missing, unreadable or not TOML.
-        """
+        """Read a file."""
         raw, path = read_bytes(path), Path(path)
         with parsing(str(path), "a TOML file"):  # not TOML, or an integer of thousands of digits
             content = tomllib.loads(text_of(raw, str(path)))
             _check_integers(content)
         return cls(path, content, hashlib.sha256(raw).hexdigest())
 
-    def table(
-        self,
-        name: str = "",
-        *,
-        required: Keys = (),
-        optional: Keys = (),
-        renamed: Mapping[str, str] = MappingProxyType({}),
-    ) -> dict[str, Any]:
-        """Return one table after checking its keys and reading its values, see `checked_table`.
-
-        Parameters
-        ----------
-        name : str
-            Table, or empty for the keys at the top of the file. A missing
-            table is an empty one.
-        """
-        table = self.content.get(name, {}) if name else self.content
-        return checked_table(table, str(self.path), name, required=required, optional=optional, renamed=renamed)
+    def table(self, name: str = "", **keys: Any) -> dict[str, Any]:
+        """Return one table, by default the keys at the top of the file, as `checked_table` does with these keys."""
+        return checked_table(self.content.get(name, {}) if name else self.content, str(self.path), name, **keys)
 
 
 def read_bytes(path: str | Path, noun: str = "file") -> bytes:
-    """Return the content of a file of a user.
-
-    Parameters
-    ----------
-    path : path
-    noun : str
-        What the file should be, for the message of an error, as ``"picture"``.
-
-    Raises
-    ------
-    InputError
-        If it is missing, no file, or cannot be read.
-    """
+    """Return the content of a file of a user."""
     check_file(path, noun)
     with parsing(str(path), f"a readable {noun}"):
         note_input(Path(path))
@@ -103,12 +59,7 @@ def read_bytes(path: str | Path, noun: str = "file") -> bytes:
 
 
 def text_of(raw: bytes, where: str) -> str:
-    """Return the text of a file in UTF-8, UTF-16 or Windows-1252, each line ended as in Python.
-
-    Raises
-    ------
-    InputError
-    """
+    """Return the text of a file in UTF-8, UTF-16 or Windows-1252, each line ended as in Python."""
     encodings = ["utf-8-sig", "cp1252"]
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ["utf-16"]
@@ -126,12 +77,7 @@ def text_of(raw: bytes, where: str) -> str:
 
 
 def check_file(path: str | Path, noun: str = "file") -> None:
-    """Refuse a path that names no file: reading a pipe or a device may never end.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a path that names no file: reading a pipe or a device may never end."""
     if not isinstance(path, (str, os.PathLike)):
         raise InputError(repr(path)[:60], "", f"the path of a {noun}", f"one of the type {type(path).__name__}")
     try:
@@ -149,13 +95,7 @@ def check_file(path: str | Path, noun: str = "file") -> None:
 
 @contextlib.contextmanager
 def parsing(where: str, expected: str, advice: str = "") -> Iterator[None]:
-    """Refuse in one line what a parser of a user's file cannot read: each library has errors of its own.
-
-    Parameters
-    ----------
-    where, expected, advice : str
-        File, what it should be, and the remedy.
-    """
+    """Refuse in one line what a parser of a user's file cannot read: each library has errors of its own."""
     try:
         yield
     except CapsbayesError:
@@ -174,24 +114,7 @@ def checked_table(
     optional: Keys = (),
     renamed: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Return a table after checking its keys and reading its values.
-
-    Parameters
-    ----------
-    table : mapping
-        As TOML gives it; anything else is refused.
-    where, name : str
-        File and table, for the message of an error; the name is empty at the top of the file.
-    required, optional : mapping of str to Reader, or collection of str
-        Keys it must and may have, with what reads their values; without a reader a value is returned as it is.
-    renamed : mapping of str to str
-        Present names of keys that older files have, by their names there.
-
-    Raises
-    ------
-    InputError
-        On an unknown or a missing key, or a value that its reader refuses.
-    """
+    """Return a table after checking its keys and reading its values."""
     if not isinstance(table, Mapping):
         raise InputError(where, name, f"a table [{name}]", repr(table))
     table = {key if renamed.get(key, key) in table else renamed.get(key, key): table[key] for key in table}

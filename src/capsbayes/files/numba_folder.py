@@ -9,10 +9,7 @@ _VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def provide_numba_folder() -> None:
-    """Let numba keep compiled functions in a temporary folder if it would find no other; it raises without one.
-
-    The folder belongs to this process, which removes it at its end: numba unpickles what it finds there.
-    """
+    """Let numba keep compiled functions in a temporary folder if it would find no other; it raises without one."""
     caches = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     nearest = next((place for place in (caches, *caches.parents) if place.exists()), caches)
     if os.environ.get(_VARIABLE) or any(os.access(place, os.W_OK) for place in (Path(__file__).parent, nearest)):

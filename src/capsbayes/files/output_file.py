@@ -24,27 +24,16 @@ from capsbayes.errors import InputError, NoRoomError
 if TYPE_CHECKING:
     import xarray as xr
 
-RECORD = ".capsbayes.sha256"
-"""File in a folder with the hashes of what was written into it, as ``sha256sum`` writes them."""
+RECORD = ".capsbayes.sha256"  # in each folder: hashes of what was written into it, as sha256sum writes them
 
 
 @dataclass(frozen=True)
 class Guard:
-    """Promise that holds while a command runs.
+    """Promise that holds while a command runs."""
 
-    Parameters
-    ----------
-    overwrite : bool
-        True if files that were not written here may be replaced.
-    inputs : set of (int, int)
-        Device and inode of each file that is read; never replaced.
-    updated : frozenset of (int, int)
-        Files that are read and written back with more in them.
-    """
-
-    overwrite: bool = False
-    inputs: set[tuple[int, int]] = field(default_factory=set)
-    updated: frozenset[tuple[int, int]] = frozenset()
+    overwrite: bool = False  # true if files that were not written here may be replaced
+    inputs: set[tuple[int, int]] = field(default_factory=set)  # device and inode of each; never replaced
+    updated: frozenset[tuple[int, int]] = frozenset()  # files that are read and written back with more in them
 
 
 _guard: ContextVar[Guard | None] = ContextVar("guard", default=None)
@@ -71,23 +60,24 @@ def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwr
     """
     outer = _guard.get() or Guard()
     own = frozenset(_identity(path) for path in updated if path.exists())
-    token = _guard.set(Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated))
-    try:
+    with _set(_guard, Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated)):
         for path in inputs:
             note_input(path)
         yield
-    finally:
-        _guard.reset(token)
+
+
+def unguarded() -> contextlib.AbstractContextManager[None]:
+    """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
+    return _set(_guard, None)
 
 
 @contextlib.contextmanager
-def unguarded() -> Iterator[None]:
-    """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
-    token = _guard.set(None)
+def _set(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _guard.reset(token)
+        variable.reset(token)
 
 
 def note_input(path: Path) -> None:
@@ -99,8 +89,8 @@ def note_input(path: Path) -> None:
 
 
 def _identity(path: Path) -> tuple[int, int]:
-    found = path.stat()
-    return found.st_dev, found.st_ino
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def is_ours(path: Path) -> bool:
@@ -110,12 +100,7 @@ def is_ours(path: Path) -> bool:
 
 
 def check_replaceable(path: Path) -> None:
-    """Refuse a file whose replacement would destroy something.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a file whose replacement would destroy something."""
     guard = _guard.get()
     if path.is_dir():
         raise InputError(str(path), "", "the name of a file to write", "a folder")
@@ -132,38 +117,19 @@ def check_replaceable(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder with its parents, if it does not exist.
-
-    Raises
-    ------
-    InputError
-        If that is not possible.
-    """
+    """Make a folder with its parents, if it does not exist."""
     with refusing(path, "a folder that can be made"):
         path.mkdir(parents=True, exist_ok=True)
 
 
 def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
-    """Write a file whole or not at all; its folder is made if it does not exist.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, or under `guarded` would replace what must stay.
-    """
+    """Write a file whole or not at all; its folder is made if it does not exist."""
     raw = content.encode() if isinstance(content, str) else content
     return _written(Path(path), lambda place: place.write_bytes(raw))
 
 
 def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> Path:
-    """Write a file of text as `write_file` does, line by line, so that memory never holds all of it.
-
-    Parameters
-    ----------
-    path : path
-    lines : iterable of str
-        Each with its end.
-    """
+    """Write a file of text as `write_file` does, line by line, so that memory never holds all of it."""
 
     def write(place: Path) -> None:
         with place.open("wb") as file:
@@ -188,11 +154,8 @@ def together() -> Iterator[None]:
         yield
         return
     files: dict[Path, Callable[[Path], object]] = {}
-    token = _waiting.set(files)
-    try:
+    with _set(_waiting, files):
         yield
-    finally:
-        _waiting.reset(token)
     _commit(files)
 
 
@@ -202,17 +165,7 @@ def write_dataset(
     encoding: Mapping[str, Any] | None = None,
     groups: Mapping[str, xr.Dataset] = MappingProxyType({}),
 ) -> Path:
-    """Write a dataset as a NetCDF file, as `write_file` does.
-
-    Parameters
-    ----------
-    path : path
-    dataset : xarray.Dataset
-    encoding : mapping, optional
-        As of `xarray.Dataset.to_netcdf`.
-    groups : mapping of str to xarray.Dataset
-        Further datasets, each in a group of its own.
-    """
+    """Write a dataset as a NetCDF file, as `write_file` does."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
@@ -230,15 +183,7 @@ def write_dataset(
 
 
 class _Lasting(io.RawIOBase):
-    """A file for HDF5, which ends the process where writing fails, as on a full disk.
-
-    From the first error on, the content is kept in memory.
-
-    Parameters
-    ----------
-    disk : file
-        Unbuffered.
-    """
+    """A file for HDF5, which ends the process where writing fails, as on a full disk."""
 
     def __init__(self, disk: io.FileIO) -> None:
         self._file: io.FileIO | io.BytesIO = disk

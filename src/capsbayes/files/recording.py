@@ -16,7 +16,7 @@ from typing import Any
 
 from capsbayes.errors import CutOffError, InputError
 
-KINDS = {
+KINDS = {  # first bytes of each kind of file, and the endings of its name
     "PNG": (rb"\x89PNG\r\n\x1a\n", (".png",)),
     "TIFF": (rb"II[*+]\0|MM\0[*+]", (".tif", ".tiff")),
     "JPEG": (rb"\xff\xd8\xff", (".jpg", ".jpeg")),
@@ -26,7 +26,6 @@ KINDS = {
     "MKV": (rb"\x1aE\xdf\xa3", (".mkv",)),
     "HDF5": (rb"\x89HDF\r\n\x1a\n", (".rtdc",)),
 }
-"""First bytes of each kind of file, and the endings of its name."""
 PICTURE_KINDS = ("PNG", "TIFF", "JPEG", "BMP")
 VIDEO_KINDS = ("AVI", "MP4 or MOV", "MKV")
 
@@ -41,20 +40,12 @@ _BROKEN = (OSError, ValueError, SyntaxError, KeyError, TypeError, OverflowError,
 
 @dataclass(frozen=True)
 class Images:
-    """Images of a file.
-
-    Parameters
-    ----------
-    count : int
-    sizes : set of (int, int)
-        Width and height of all.
-    behind : (int, tuple of int, str), optional
-        Where the images of a TIFF file follow each other behind one directory: bytes before the first; images, rows,
-        columns, and colours if there are any; and the type of a pixel, as NumPy names it.
-    """
+    """Images of a file."""
 
     count: int
-    sizes: frozenset[tuple[int, int]]
+    sizes: frozenset[tuple[int, int]]  # width and height of all
+    # of a TIFF file with one directory: bytes before the first image; images, rows, columns and colours; type of a
+    # pixel
     behind: tuple[int, tuple[int, ...], str] | None = None
 
 
@@ -94,12 +85,7 @@ def cut_off(where: str, kind: str, got: str = "one that is cut off, damaged or o
 
 
 def check_length(path: Path) -> None:
-    """Refuse an AVI, MP4 or MOV file that is shorter than the blocks it begins: its last frame may be half a frame.
-
-    Raises
-    ------
-    CutOffError
-    """
+    """Refuse an AVI, MP4 or MOV file that is shorter than the blocks it begins: its last frame may be half a frame."""
     kind, length, start = kind_of(path), os.path.getsize(path), 0
     if kind not in ("AVI", "MP4 or MOV"):
         return
@@ -126,15 +112,7 @@ def unknown(where: str) -> InputError:
 
 
 def images_of(file: bytes | Path, where: str) -> Images | None:
-    """Return what a PNG, TIFF, JPEG or BMP file says of its images; None if it is no picture.
-
-    Raises
-    ------
-    CutOffError
-        If the images that it names are not there.
-    InputError
-        If it holds more than it names.
-    """
+    """Return what a PNG, TIFF, JPEG or BMP file says of its images; None if it is no picture."""
     import PIL.Image
 
     length = len(file) if isinstance(file, bytes) else os.path.getsize(file)

@@ -40,17 +40,7 @@ _DARKEST = 0.02  # of the median of the background: below, the ratio to it is me
 def temporal_median(
     frames: Sequence[NDArray[Any]], covered: Sequence[Booleans] | None = None, *, share: float = 0.5
 ) -> Floats:
-    """Return the background of a film: at each pixel the median over the frames, which hides passing capsules.
-
-    There are at least three (rows, columns) arrays, spread over more than the passage of a capsule. Where it is known
-    which pixels of each frame a capsule covers, these do not count; each pixel is free in some frame. The median is the
-    quantile of another share of the frames where that is given.
-
-    Raises
-    ------
-    InputError
-        On fewer than three frames, or frames of different shapes.
-    """
+    """Return the median over three frames or more, or another quantile, at each pixel, where it is not covered."""
     shapes = {np.shape(frame) for frame in frames}
     if len(frames) < 3 or len(shapes) != 1:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
@@ -66,20 +56,29 @@ def temporal_median(
 
 
 def _quantile(levels: NDArray[Any], share: float) -> Floats:
-    """Return a quantile over the first axis, by sorting: for tens of levels in a third of the time of np.median."""
-    ordered = np.ascontiguousarray(levels.reshape(len(levels), -1).T)
-    ordered.sort(axis=1)
+    """Return a quantile over the first axis, or the mean of the levels on either side of it."""
+    low, high, _ = _ranked(np.ascontiguousarray(levels.reshape(len(levels), -1).T), share)
+    return np.asarray(np.mean([low, high], axis=0, dtype=np.float64)).reshape(levels.shape[1:])
+
+
+def _quantiles(values: Floats, share: float) -> Floats:
+    """Return a quantile of each row of an array (n, m) but for its NaN : (n,) array."""
+    low, high, part = _ranked(values, share)
+    return np.asarray(low + part * (high - low))
+
+
+def _ranked(values: NDArray[Any], share: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
+    """Return the finite values of rows next below and above a share of them, and how far it lies between."""
+    ordered = np.sort(values, axis=1)  # for tens of levels in a third of the time of np.median; NaN comes last
     place = share * (np.count_nonzero(np.isfinite(ordered), axis=1) - 1)
-    both = [ordered[np.arange(len(ordered)), rounded(place).astype(int)] for rounded in (np.floor, np.ceil)]
-    return np.asarray(np.mean(both, axis=0, dtype=np.float64)).reshape(levels.shape[1:])
+    below, above = np.floor(place).astype(int), np.ceil(place).astype(int)
+    each = np.arange(len(ordered))
+    return ordered[each, below], ordered[each, above], place - below
 
 
 def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) -> float:
-    """Return the light of a frame over that of another or of the empty channel, both (rows, columns) arrays.
-
-    It is a quantile over tiles: capsules may cover a smaller part of them than its share. A ratio beyond a factor of
-    five is no lamp that flickers, and a hundredth makes no difference: 1 is returned.
-    """
+    """Return the light of a frame over that of another or of the empty channel, both (rows, columns) arrays."""
+    # a ratio beyond a factor of five is no lamp that flickers
     size = max(1, grey.shape[1] // _TILE), max(1, grey.shape[0] // _TILE)
     tiles, empty = (
         np.asarray(cv2.resize(each[::2].astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
@@ -90,11 +89,8 @@ def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) 
 
 
 def take_turns(frames: Iterable[NDArray[Any]]) -> bool:
-    """Return whether successive frames are of two kinds that take turns, as those of two channels or exposures.
-
-    They differ in their level, or in their darkest or brightest parts compared with it. A capsule that comes and goes
-    changes these too, but not in half of the steps from frame to frame.
-    """
+    """Return whether successive frames are of two kinds that take turns, as those of two channels or exposures."""
+    # a capsule that comes and goes changes the levels too, but not in half of the steps from frame to frame
     dark, level, bright = np.log([np.quantile(frame[::2, ::2], _KINDS) + _BLACK for frame in frames]).T
     for value in (level, dark - level, bright - level):
         ordered = np.sort(value)
@@ -107,39 +103,28 @@ def take_turns(frames: Iterable[NDArray[Any]]) -> bool:
 
 
 def estimate_background(grey: Floats, walls: WallLines, percentile: float = _BRIGHT) -> Floats:
-    """Estimate the background from one picture: the bright end of the levels on each line parallel to the walls.
-
-    Grey levels and background are (rows, columns) arrays; the percentile is that of the levels of a line. Light that is
-    uneven along the channel stays in the picture.
-    """
+    """Estimate the background from one picture: the bright end of the levels on each line parallel to the walls."""
     bright, across = line_levels(grey, walls, percentile)
-    return np.interp(walls.offset((grey.shape[0], grey.shape[1])), across, bright)
+    return np.interp(walls.offset(grey.shape), across, bright)
 
 
 def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floats, Floats]:
-    """Return a percentile of the levels on each line parallel to the walls, and the lines' distances from the axis.
-
-    Lines of which half lies in the picture; distances (n,) in pixels, positive below.
-    """
+    """Return a percentile of the levels on each line parallel to the walls, and the lines' distances from the axis."""
     rows, columns = grey.shape
     turn = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row), float(np.degrees(walls.tilt)), 1.0)
     level = cv2.warpAffine(
         grey, turn, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
     )
     seen = np.isfinite(level).sum(axis=1) > columns // 2
-    levels: Floats = np.nanpercentile(level[seen], percentile, axis=1)
-    return levels, (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
+    return _quantiles(level[seen], 0.01 * percentile), (np.flatnonzero(seen) - walls.centre_row).astype(np.float64)
 
 
 def flatten(light: Floats, walls: WallLines) -> Floats:
-    """Divide light (rows, columns) by its smooth trend along the channel, as of vignetting.
-
-    A capsule has edges, and stays.
-    """
+    """Divide light (rows, columns) by its smooth trend along the channel, as of vignetting."""
     rows, columns = light.shape
     within = np.abs(walls.offset((rows, columns))) < _CORE * walls.half_width
     seen = within.any(axis=0)
-    level = np.nanmedian(np.where(within, light, np.nan)[:, seen], axis=0)
+    level = _quantiles(np.where(within, light, np.nan)[:, seen].T, 0.5)
     design = np.vander(np.linspace(-1.0, 1.0, columns), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 
@@ -155,10 +140,7 @@ def transmission(grey: Floats, background: Floats) -> Floats:
     return np.asarray(grey / np.maximum(background, _DARKEST * median(background)))
 
 
-# Whether walls that were stated lie on dark lines that the picture shows.
-#
-# A wall may be stated off the line that shows it: lengths over l are then wrong by as much as l is, and nothing else
-# shows it
+# A wall may be stated off the dark line that shows it: lengths over l are then wrong by as much as l is
 
 _BAND_SMOOTHING = 2.0  # px
 _BAND_REACH = 20.0  # px to either side of a wall that are searched
@@ -200,11 +182,9 @@ _CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself dif
 
 
 def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
-    """Return the grey level from which those of a bright picture are subtracted.
-
-    The empty channel becomes as bright as the brightest place of the frames, and that as dark as the channel was. All
-    are (rows, columns) arrays. A single bright pixel, as a faulty one, does not count.
-    """
+    """Return the grey level from which those of a bright picture are subtracted."""
+    # the empty channel becomes as bright as the brightest place, but for a single faulty pixel, and that as dark as it
+    # was
     brightest = max(float(cv2.medianBlur(frame.astype(np.float32), 3).max()) for frame in (empty, *frames))
     return brightest + float(np.median(empty))
 
@@ -212,9 +192,9 @@ def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
 def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
     """Return True if what differs most from the empty channel between the walls is brighter than it."""
     some = slice(None, None, _EVERY)
-    rows = walls.rows_around((empty.shape[0], empty.shape[1]))
+    rows = walls.rows_around(empty.shape)
     empty = empty[rows]
-    offset = walls.moved(0, -rows.start).offset((empty.shape[0], empty.shape[1]))
+    offset = walls.moved(0, -rows.start).offset(empty.shape)
     between = np.abs(offset[some, some]) < walls.half_width - _CLEAR * walls.line_width
     darkening = brightening = 0.0
     for frame in frames:
@@ -233,38 +213,17 @@ def runs_upright(picture: NDArray[Any], contrast: str | None) -> bool:
 
 @dataclass(frozen=True)
 class Contrast:
-    """How pictures of one view are made such that capsules are dark, and the walls in them.
-
-    Parameters
-    ----------
-    mirror : float, optional
-        Grey level from which those of the pictures are subtracted; None where capsules are dark already.
-    walls : WallLines, optional
-        As stated or found; None where none were found.
-    """
+    """How pictures of one view are made such that capsules are dark, and the walls in them."""
 
     mirror: float | None
-    walls: WallLines | None
+    walls: WallLines | None  # as stated or found; None where none were found
 
     @classmethod
     def of(
         cls, frames: Sequence[NDArray[Any]], empty: Floats | None, stated: WallLines | None, contrast: str | None
     ) -> Contrast:
-        """Find out whether capsules and walls are darker or brighter than the liquid.
-
-        The walls tell it where they are found in one of the two ways only, else the capsules do.
-
-        Parameters
-        ----------
-        frames : sequence of (rows, columns) array
-            Pictures of one view, in grey levels.
-        empty : (rows, columns) array, optional
-            The empty channel; by default the median of the first picture on each line parallel to the walls.
-        stated : WallLines, optional
-            Walls that are stated; by default they are sought.
-        contrast : str, optional
-            One of `CONTRASTS`, where it is stated.
-        """
+        """Find out whether capsules and walls are darker or brighter than the liquid."""
+        # the walls tell it where they are found in one of the two ways only, else the capsules do
         base = frames[0] if empty is None else empty
         walls = stated or (None if contrast == "bright" else find_walls(base))
         if contrast == "dark":
@@ -299,11 +258,9 @@ _ROUNDS = 30
 
 
 def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ...] | None:
-    """Return pictures of one view over the light along the channel in the last; None where that hardly changes.
-
-    The light is 1 + b x + c (x^2 + y^2) with a c that is not positive, as a lens loses it alike in all directions. It
-    follows from what lies beyond the walls, or from the columns of the channel that a dark capsule leaves free.
-    """
+    """Return pictures of one view over the light along the channel in the last; None where that hardly changes."""
+    # 1 + b x + c (x^2 + y^2) with c <= 0, as a lens loses light alike in all directions; from what lies beyond the
+    # walls, or from the columns of the channel that a dark capsule leaves free
     grey = pictures[-1].grey
     rows, columns = grey.shape
     away = np.abs(walls.offset((rows, columns)))
@@ -312,7 +269,7 @@ def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ..
         strip = away < _FOLLOWED_CORE * walls.half_width
     if not strip.any(axis=0).all():
         return None
-    level = np.nanmedian(np.where(strip, grey, np.nan), axis=0)
+    level = _quantiles(np.where(strip, grey, np.nan).T, 0.5)
     x = np.arange(columns) - 0.5 * (columns - 1)
     weight, powers = np.ones(columns), 3
     for _ in range(_ROUNDS):  # least squares that leave dark columns out
@@ -345,23 +302,12 @@ _PIECE = 0.02  # of the largest piece of a mask: smaller pieces are ignored
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """A dark blob.
+    """A dark blob."""
 
-    Parameters
-    ----------
-    polygon : (p, 2) array [px]
-        Outline to a pixel, columns (x, y), clockwise as seen in the picture.
-    area : float [px^2]
-    status : Status
-        ``DONE`` if it can be a capsule to measure.
-    erased : (p,) array of bool, optional
-        Where the outline was erased, and is a bridge.
-    """
-
-    polygon: Floats = field(repr=False)
-    area: float
-    status: Status = Status.DONE
-    erased: Booleans | None = field(default=None, repr=False)
+    polygon: Floats = field(repr=False)  # (p, 2) [px]: outline to a pixel
+    area: float  # [px^2]
+    status: Status = Status.DONE  # ``DONE`` if it can be a capsule to measure
+    erased: Booleans | None = field(default=None, repr=False)  # (p,): where the outline was erased, and is a bridge
 
     @property
     def middle(self) -> Floats:
@@ -370,13 +316,9 @@ class Blob:
 
 
 def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
-    """Find the dark blobs between the walls, from left to right.
-
-    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
-    Outlines are erased within boxes (k, 4) of left, upper, right and lower limit [px]; what lies there is no blob.
-    """
+    """Find the dark blobs between the walls, from left to right, without what lies in erased boxes (k, 4) [px]."""
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
-    between = _between(walls, (light.shape[0], light.shape[1]))
+    between = _between(walls, light.shape)
     least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
     # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
     darkest = dark[between & (dark >= 2.0 * least)]
@@ -501,10 +443,7 @@ def check_light(picture: Picture, background: Picture, most: float = _GAIN) -> N
 
 
 def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> None:
-    """Refuse a background that lies elsewhere or is turned or of another channel, or not empty as the picture is.
-
-    The picture (rows, columns) and the background have dark walls; `walls` are those known, None if not found.
-    """
+    """Refuse a background that lies elsewhere or is turned or of another channel, or not empty as the picture is."""
     empty = background.grey
     in_picture, in_background = find_walls(seen), find_walls(empty)
     if in_picture is not None and in_background is None and find_walls(np.ascontiguousarray(empty.T)) is not None:
@@ -553,12 +492,8 @@ def _error(background: Picture, expected: str, got: str, advice: str) -> InputEr
     return InputError(background.source or "background", "", expected, got, f"{advice}, or leave the background out")
 
 
-# What a filter or a compression did to a picture after it was taken, seen in its noise.
-#
-# The noise of a camera differs from pixel to pixel. A filter makes it alike over some pixels; compression too, and
-# leaves
-# steps between blocks of 8 x 8 pixels. Both flatten the dark line along the edge of a capsule, and the edge is found
-# further out. Where the empty channel shows either, an edge has an error for it
+# A filter makes the noise of a camera alike over some pixels; compression too, and leaves steps between blocks of 8 x
+# 8. Both flatten the dark line along the edge of a capsule, which is then found further out
 
 _LAGS = np.array([1, 2, 3, 4, 6])  # px; over the last, noise is independent in all but the widest filters
 _NOISE_TILE = 16  # px
@@ -573,10 +508,7 @@ _AROUND, _CLEAR_OF_LINE = 12.0, 3.0  # px around a blob, and widths of a wall's 
 
 
 def edge_shift(light: Floats, walls: WallLines, blobs: list[Blob]) -> float:
-    """Return the standard error of an edge that follows from smoothing of the picture [px]; 0 where none is seen.
-
-    The light (rows, columns) is over that of the empty channel. All edges share the error, in all pictures of a camera.
-    """
+    """Return the standard error [px] that all edges share where the picture was smoothed; 0 where none is seen."""
     free = _free(light.shape, walls, blobs)
     sums, counts = _tile_sums(light, free, _LAGS, _NOISE_TILE, max(1, light.size // (_ENOUGH * _NOISE_TILE**2)))
     whole = counts[:, -1] >= _NOISE_TILE**2 // 2

@@ -19,10 +19,7 @@ from capsbayes.image.files import SMALLEST_SIDE
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 
-WALL_ERROR = 1.0
-"""Standard error of a wall placed by hand [px], unless another one is stated: a wall's line is some pixels wide, and a
-person does not see which of them is the wall."""
-
+WALL_ERROR = 1.0  # px: of a wall placed by hand, whose line is some pixels wide, unless another error is stated
 _LINE = 2.0  # px: standard deviation of the dark line of a wall that was not fitted, as of a bundle of thin lines
 _TAPER = 0.1  # largest relative difference of the distances between the walls at the two borders
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
@@ -44,7 +41,7 @@ _LINES = ("walls", "axis")
 _TURNS = ("90", "180", "270")
 
 
-@dataclass(frozen=True)
+@dataclass
 class ByHand:
     """What is stated of a picture by hand; what is not stated is found in the picture.
 
@@ -98,8 +95,8 @@ class ByHand:
             numbers = _numbers(getattr(self, name), name.replace("_", " "), counts, expected)
             if numbers is not None and name in _LINES and len(numbers) == counts[0]:
                 numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
-            object.__setattr__(self, name, numbers)
-        object.__setattr__(self, "erase", _boxes(self.erase))
+            setattr(self, name, numbers)
+        self.erase = _boxes(self.erase)
         if self.contrast is not None and self.contrast not in CONTRASTS:
             raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
         if self.rotate is not None and str(self.rotate) not in _TURNS:
@@ -108,7 +105,7 @@ class ByHand:
             size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
             if size.known:
                 raise InputError("pixel size", "", 'a standard error, as in "0.340 +/- 0.003 um"', str(self.pixel_size))
-            object.__setattr__(self, "pixel_size", size)
+            self.pixel_size = size
         if self.walls is not None and self.pixel_size is not None:
             raise InputError("walls, pixel size", "", "one of the two: each of them gives l in pixels", "both")
         if self.axis is not None and self.pixel_size is None:
@@ -124,13 +121,7 @@ class ByHand:
         return 0 if self.rotate is None else int(self.rotate) // 90
 
     def part(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Return the rows and columns that are analysed of a picture of a shape.
-
-        Raises
-        ------
-        InputError
-            If they are not within it.
-        """
+        """Return the rows and columns that are analysed of a picture of a shape."""
         rows, columns = shape
         if self.crop is None:
             return slice(0, rows), slice(0, columns)
@@ -143,13 +134,7 @@ class ByHand:
         return slice(top, bottom), slice(left, right)
 
     def erased_in_part(self, shape: tuple[int, int]) -> Floats | None:
-        """Return left, upper, right and lower limit of the boxes to erase, in coordinates of the part : (k, 4) array.
-
-        Raises
-        ------
-        InputError
-            If one of them is not within the picture.
-        """
+        """Return left, upper, right and lower limit of the boxes to erase in the part : (k, 4) array."""
         if self.erase is None:
             return None
         rows, columns = self.part(shape)
@@ -171,21 +156,7 @@ class ByHand:
         return found.moved(-columns.start, -rows.start).centred_at(0.5 * (columns.stop - columns.start - 1))
 
     def lines(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
-        """Return the walls in a picture of a shape, or None where they are to be found in it.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Rows and columns of the whole picture.
-        half_width : Quantity, optional [m]
-            Of the channel, which a pixel size needs.
-
-        Raises
-        ------
-        InputError
-            If the walls cross or are not parallel, or walls or axis lie outside the picture, or the half width is
-            missing.
-        """
+        """Return the walls in a picture of a shape, or None where they are to be found in it."""
         if self.walls is not None:
             return self._stated_walls(shape)
         return None if self.pixel_size is None else self._around_axis(shape, self.pixel_size, half_width)

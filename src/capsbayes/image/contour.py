@@ -20,9 +20,9 @@ from capsbayes.files.csv_file import finite_numbers, read_columns
 from capsbayes.files.input_file import parsing, read_bytes
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.measure import FLOWS, check_flow, measurement_of_lengths
+from capsbayes.image.measure import EdgeErrors, check_flow, measurement_of_lengths, over_l
 from capsbayes.image.walls import WallLines
-from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, check_simple, signed_area, vertex_normals
 from capsbayes.quantity import Given, Quantity
 
@@ -37,44 +37,17 @@ _CLOSED, _OPTIONS, _POINTS, _SUB_PIXEL, _WITH_FLOATS = (0, 7, 8), 50, 64, 128, 2
 
 @dataclass(frozen=True, eq=False)
 class ContourFile:
-    """Points of a closed contour.
+    """Points of a closed contour."""
 
-    Parameters
-    ----------
-    points : (n, 2) array
-        Columns (x, y), x along the channel.
-    unit : str
-        ``"px"`` or ``"um"``.
-    source, sha256 : str
-        File and its hash.
-    along_borders : bool
-        True if whole numbers are known to be borders between pixels, not centres of pixels.
-    """
-
-    points: Floats
-    unit: str
+    points: Floats  # (n, 2): columns (x, y), x along the channel
+    unit: str  # ``"px"`` or ``"um"``
     source: str
     sha256: str
-    along_borders: bool = False
+    along_borders: bool = False  # true if whole numbers are known to be borders between pixels, not centres of pixels
 
     @classmethod
     def read(cls, path: str | Path, unit: str | None = None) -> ContourFile:
-        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe.
-
-        Parameters
-        ----------
-        path : path
-            File with the columns ``x_px`` and ``y_px``, or ``x_um`` and ``y_um``, among others; or with ``X`` and
-            ``Y`` or two columns without a heading, which need `unit`. Or an ImageJ file ``.roi`` of a polygon or a
-            freehand or traced line; or a LabelMe file ``.json`` with one polygon; both are in pixels.
-        unit : str, optional
-            ``"px"`` or ``"um"``.
-
-        Raises
-        ------
-        InputError
-            Naming file, column, what was expected and what was found.
-        """
+        """Read a CSV file, the text file or the ROI that ImageJ saves, or the JSON file of LabelMe."""
         where, raw = str(path), read_bytes(path, "file of points")
         sha256, suffix = hashlib.sha256(raw).hexdigest(), Path(path).suffix.lower()
         if suffix in _DRAWN:
@@ -111,14 +84,7 @@ def _checked(points: Floats, where: str) -> Floats:
 
 
 def _of_imagej(raw: bytes, where: str) -> Floats:
-    """Return the points of a polygon, freehand or traced ROI.
-
-    References
-    ----------
-    `ij.io.RoiDecoder` of ImageJ: big-endian; version at 4, type at 6, top and left at 8 and 10, number of points at 16,
-    options at 50; from 64 on the columns and rows less left and top in two bytes each, then, if the options say so,
-    both as floats.
-    """
+    """Return the points of a polygon, freehand or traced ROI."""
     magic, version, kind, top, left, count = struct.unpack_from(">4shBx2h4xH", raw)
     (options,) = struct.unpack_from(">h", raw, _OPTIONS)
     if magic != b"Iout" or kind not in _CLOSED:
@@ -147,10 +113,9 @@ _DRAWN = {".roi": ("an ImageJ ROI", _of_imagej), ".json": ("a LabelMe file with 
 # From a contour that a person or another program traced to a measurement with its silhouette
 
 POINTS = ("centres", "borders")
-EDGE_ERROR = 1.0
-"""Standard error of either end of a contour [px], unless another one is stated: the edge in a picture is blurred over
-some pixels, a line is drawn anywhere in it, and the line itself does not show where."""
-
+EDGE_ERROR = (
+    1.0  # px: of either end, unless stated: an edge is blurred over some pixels, and a line drawn anywhere in it
+)
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
 # of the depth's standard error, and of l: a rear that is hollow by more is taken to have been traced; a silhouette is
 # hollow by less, and 12 of 60 drawn with an error of a pixel were hollow by more than three errors of the edge
@@ -168,20 +133,6 @@ _CORNER = 0.4  # rad: least turn of a contour at a spike, and at a corner from o
 _LEAST_NOISE = 1e-4  # of l: no contour is more accurate from point to point
 
 
-@dataclass(frozen=True)
-class _Edge:
-    """Edge of a contour, clockwise with the flow along z, in pixels or micrometres.
-
-    `unit` is the length of that unit, `points` are columns (z, y), `error` is the standard error of either end, and
-    `scatter` that of a point against its neighbours.
-    """
-
-    unit: Quantity
-    points: Floats
-    error: float
-    scatter: float
-
-
 def measure_contour(
     contour: ContourFile,
     experiment: Experiment,
@@ -195,46 +146,8 @@ def measure_contour(
     walls: Any = None,
     wall_error: Any = None,
 ) -> Measurement:
-    """Measure a capsule from its contour.
-
-    Parameters
-    ----------
-    contour : ContourFile
-    experiment : Experiment
-    capsule_velocity : Quantity [m/s]
-        v_o with its standard error. This and the other quantities in any form that `Quantity.of` reads.
-    flow : str
-        ``"right"`` or ``"left"``.
-    flow_rate : Quantity, optional [m^3/s]
-        Flow rate in the channel with its standard error, next to the velocity or in its place.
-    edge_error : Quantity, optional [m]
-        Standard error of either end of the contour, which it does not show itself; the value is used, not its error. By
-        default it is that of `EDGE_ERROR` pixels.
-    pixel_size : Quantity, optional [m]
-        Of a contour in pixels, with its standard error.
-    points : str, optional
-        Of a contour in whole pixels: ``"centres"`` if it runs through the centres of pixels, half a pixel inside the
-        edge; ``"borders"`` if it runs along their borders.
-    walls, wall_error : text or float, optional [px]
-        Of a contour in pixels, in place of the size of a pixel: rows of the two walls of a channel along the rows, and
-        the standard error of either, as `capsbayes.image.ByHand` reads them.
-
-    Returns
-    -------
-    Measurement
-        Lengths over l, and the silhouette. The scatter of its points is that of the contour against the curve through
-        their neighbours; half of the variance of the edge's error is alike all around, the rest along l/2 of the edge.
-        What may lie beyond a side that is much longer than the others is added to the errors of the lengths.
-        L_a is that of the contour if its rear is concave by more than four errors of the depth and l/10, and the hollow
-        is no part of the silhouette; otherwise it is missing, as the rim may hide a concave rear, and has an upper
-        bound.
-
-    Raises
-    ------
-    InputError
-        If an option is missing that the file does not tell.
-    """
-    direction = FLOWS[flow] if check_flow(flow) else 1
+    """Measure a capsule from its contour."""
+    direction = check_flow(flow) or 1
     capsule_velocity, rate, edge_error, pixel_size = (
         None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
         for given, name, key, unit in (
@@ -248,33 +161,36 @@ def measure_contour(
     if between is not None:
         size = experiment.half_width.mean / between.half_width
         pixel_size = Quantity(size, size * between.half_width_error / between.half_width, "m")
-    edge = _edge(contour, direction, edge_error, pixel_size, points)
-    aspect = _aspect(experiment)
-    edge = replace(edge, points=edge.points / [aspect.mean, 1.0])
-    half_width = experiment.half_width.mean / edge.unit.value
+    unit, edge, error = _edge(contour, direction, edge_error, pixel_size, points)
+    aspect, scatter = _aspect(experiment), _scatter(edge)
+    edge = edge / [aspect.mean, 1.0]
+    half_width = experiment.half_width.mean / unit.value
     of_width = 0.0 if between is not None else experiment.half_width.sd / experiment.half_width.mean
-    relative = np.hypot(edge.unit.error / edge.unit.value, of_width)
-    profile = Profile.from_outline(_smooth(edge.points))
-    own = _missing(contour) ** 2 + _spike(contour) ** 2 + (1.0 - _COMMON) * edge.error**2 + edge.scatter**2
+    relative = float(np.hypot(unit.error / unit.value, of_width))
+    profile = Profile.from_outline(_smooth(edge))
+    own = _missing(contour) ** 2 + _spike(contour) ** 2 + (1.0 - _COMMON) * error**2 + scatter**2
     hollow = max(_CONCAVE[0] * np.sqrt(2.0 * own), _CONCAVE[1] * half_width)
     depth = profile.parachute_depth if profile.parachute_depth > hollow else np.nan
     covariance = np.zeros((4, 4))
     # both lengths end at the nose; what is alike all around moves either end outwards
-    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * edge.error**2
+    covariance[:2, :2] = own * np.array([[2.0, 1.0], [1.0, 2.0]]) + 4.0 * _COMMON * error**2
     covariance[3, 3] = (relative * half_width) ** 2
     lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
     covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
-    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * edge.unit.value
+    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value
     measured = measurement_of_lengths(
         lengths,
         covariance,
         capsule_velocity,
         replace(experiment, camera=None),
-        walls=between.stated if between is not None else f"the half width over a {named} of {size_um:.4g} um",
+        walls=between or f"the half width over a {named} of {size_um:.4g} um",
         source=contour.source,
         sha256=contour.sha256,
     )
-    seen = _silhouette(edge, half_width, float(relative), hollow=bool(np.isfinite(depth)))
+    edge = _without_rear(edge, error, hollow=bool(np.isfinite(depth)))
+    drift, common = (float(np.sqrt(share)) * error for share in (1.0 - _COMMON, _COMMON))
+    errors = EdgeErrors(max(scatter, _LEAST_NOISE * half_width), drift, 0.0, common)
+    seen = over_l(edge, errors, half_width, relative * half_width, _DRIFT * half_width)
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
     return replace(measured, outline=seen).flowing(rate)
@@ -306,28 +222,20 @@ def _aspect(experiment: Experiment) -> Quantity:
     return camera.pixel_aspect
 
 
-def _silhouette(edge: _Edge, half_width: float, relative: float, *, hollow: bool) -> MeasuredOutline | None:
-    """Return the silhouette over l, without the points of a rear that is seen through its rim."""
-    group = -(-len(edge.points) // _MOST_POINTS)
-    whole = len(edge.points) // group * group
-    points = edge.points[:whole].reshape(-1, group, 2).mean(axis=1)
-    if hollow:
-        hull = shapely.convex_hull(shapely.multipoints(points)).exterior
-        points = points[shapely.distance(shapely.points(points), hull) < edge.error]
-    if len(points) < FEWEST_POINTS:
-        return None
-    scatter = max(edge.scatter / half_width, _LEAST_NOISE)
-    drift, common = (np.sqrt(share) * edge.error / half_width for share in (1.0 - _COMMON, _COMMON))
-    over_l = points / half_width
-    radius = float(np.mean(np.hypot(*(over_l - over_l.mean(axis=0)).T)))
-    noise = OutlineNoise(float(np.hypot(scatter, drift)), _DRIFT, float(scatter**2 / (scatter**2 + drift**2)))
-    return MeasuredOutline(over_l, noise, Pose(offset=float(np.hypot(common, radius * relative))), SILHOUETTE)
+def _without_rear(points: Floats, error: float, *, hollow: bool) -> Floats:
+    """Return not too many points of a silhouette, without those of a rear that is seen through its rim."""
+    group = -(-len(points) // _MOST_POINTS)
+    points = points[: len(points) // group * group].reshape(-1, group, 2).mean(axis=1)
+    if not hollow:
+        return points
+    hull: Any = shapely.convex_hull(shapely.multipoints(points))
+    return np.asarray(points[shapely.distance(shapely.points(points), hull.exterior) < error])
 
 
 def _edge(
     contour: ContourFile, direction: int, edge_error: Quantity | None, pixel_size: Quantity | None, points: str | None
-) -> _Edge:
-    """Return the edge of a contour, on its axis."""
+) -> tuple[Quantity, Floats, float]:
+    """Return unit, edge clockwise on its axis with the flow along z, and the error of either end in that unit."""
     outline = contour.points if signed_area(contour.points) > 0.0 else contour.points[::-1]
     if contour.unit == "um":
         unit = Quantity(1e-6, 0.0, "m")
@@ -346,7 +254,7 @@ def _edge(
     z, y = direction * outline[:, 0], outline[:, 1]
     centred = np.stack([z, y - 0.5 * (y.max() + y.min())], axis=1)
     error = EDGE_ERROR if edge_error is None else edge_error.value / unit.value
-    return _Edge(unit, centred, error, _scatter(outline))
+    return unit, centred, error
 
 
 def _allowed(contour: ContourFile) -> float:
@@ -355,15 +263,8 @@ def _allowed(contour: ContourFile) -> float:
 
 
 def _spike(contour: ContourFile) -> float:
-    """Return how far a point, or a few next to each other, jut out from the others of a contour, zero if none does.
-
-    The contour turns back on either side of a spike, which it does at no corner of a capsule.
-
-    Raises
-    ------
-    InputError
-        If that is too far for an edge.
-    """
+    """Return how far a point, or a few next to each other, jut out from the others of a contour, zero if none does."""
+    # the contour turns back on either side of a spike, which it does at no corner of a capsule
     outline, furthest = contour.points, 0.0
     for step in range(1, min(_WIDEST, len(outline) // _APART) + 1):
         off, chance = _off_neighbours(outline, step)
@@ -385,16 +286,9 @@ def _spike(contour: ContourFile) -> float:
 
 
 def _missing(contour: ContourFile) -> float:
-    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there.
-
-    An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
-    chord with the stretches before and after it, a share of its length each, larger by that share.
-
-    Raises
-    ------
-    InputError
-        If that is too far for points to be missing there.
-    """
+    """Return how far the edge may lie beyond the sides that are longer than the others, if it is an arc there."""
+    # An arc that turns by an angle rises above its chord by an eighth of it times the chord. It makes the angle of the
+    # chord with the stretches before and after it, a share of its length each, larger by that share.
     points = contour.points[:, 0] + 1j * contour.points[:, 1]
     arc = arc_length(contour.points)
     sides, closed, furthest = np.diff(arc), np.append(points, points[0]), 0.0
@@ -419,11 +313,9 @@ def _scatter(outline: Floats) -> float:
 
 
 def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
-    """Return how far each point lies from a cubic through two neighbours either side : (n, 2) array.
-
-    And its standard deviation along the normal, over that of one point : (n,) array. Neighbours are `step` points
-    apart. The cubics are those of the arc length, so that points at unequal distances do not scatter.
-    """
+    """Return how far each point lies from a cubic through two neighbours either side : (n, 2) array."""
+    # and its standard deviation along the normal over that of one point (n,); cubics of the arc length: points at
+    # unequal distances do not scatter
     steps = np.array([np.roll(outline, -k * step, axis=0) - outline for k in (-2, -1, 1, 2)])
     one = np.hypot(*np.moveaxis(steps, -1, 0))
     before, after = np.roll(one[2], step), np.roll(one[2], -step)
@@ -437,10 +329,8 @@ def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
 
 
 def _smooth(outline: Floats) -> Floats:
-    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight.
-
-    A cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle.
-    """
+    """Return dense points of a smooth closed curve through those of a sparse contour; its long sides stay straight."""
+    # a cubic would rise above a long run of pixels, at whose ends the contour turns by half a right angle
     if len(outline) >= _SPARSE:
         return outline
     place, closed = arc_length(outline), np.concatenate([outline, outline[:1]])

@@ -50,35 +50,23 @@ _NOSE_MISFIT, _END_MISFIT = 0.044, 0.063
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was detected in a picture, in pixels.
+    """What was detected in a picture, in pixels."""
 
-    Parameters
-    ----------
-    status : Status
-        ``DONE``, or why nothing can be measured; what could not be located is then None.
-    walls : WallLines, optional
-    outline : EdgeOutline, optional
-    flow : int
-        1 to the right, -1 to the left, 0 if the shape does not tell.
-    nose, end : FurthestPoint, optional
-        Furthest points downstream and upstream, as distances along the flow from the picture's origin.
-    rear : RearBand, optional
-        The concave rear where it is seen.
-    blob : Blob, optional
-        The dark blob that was analysed.
-    shift : float [px]
-        Standard error of all edges that follows from smoothing of the picture, see `capsbayes.image.background`.
-    """
-
-    status: Status
+    status: Status  # ``DONE``, or why nothing can be measured; what could not be located is then None
     walls: WallLines | None = None
     outline: EdgeOutline | None = None
-    flow: int = 0
-    nose: FurthestPoint | None = None
-    end: FurthestPoint | None = None
-    rear: RearBand | None = None
-    blob: Blob | None = None
-    shift: float = 0.0
+    flow: int = 0  # 1 to the right, -1 to the left, 0 if the shape does not tell
+    nose: FurthestPoint | None = None  # downstream, as a distance along the flow from the picture's origin
+    end: FurthestPoint | None = None  # upstream
+    rear: RearBand | None = None  # the concave rear where it is seen
+    blob: Blob | None = None  # the dark blob that was analysed
+    shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
+
+    def located(self) -> tuple[WallLines, EdgeOutline]:
+        """Return walls and outline of a detection that has both."""
+        if self.walls is None or self.outline is None:
+            raise ValueError(f"nothing was located: {self.status.name}")
+        return self.walls, self.outline
 
     @property
     def axis(self) -> Floats:
@@ -151,15 +139,7 @@ class Detection:
         )
 
     def table(self) -> pd.DataFrame:
-        """Tabulate lengths and integrals in powers of a pixel and of l.
-
-        Returns
-        -------
-        DataFrame
-            Rows ``L_z``, ``L_a``, ``L_p``, ``l``, ``perimeter``, ``area``, ``volume`` and ``Lambda``; columns
-            ``power`` (of a length), ``value_px``, ``error_px``, ``value_over_l`` and ``error_over_l``. What was not
-            measured is NaN.
-        """
+        """Tabulate lengths and integrals in powers of a pixel and of l."""
         import pandas as pd
 
         errors = np.sqrt(np.diag(self.covariance))
@@ -196,11 +176,7 @@ class Detection:
 def analyse_blob(
     light: Floats, noise: float, walls: WallLines, blob: Blob, flow: int = 0, shift: float = 0.0
 ) -> Detection:
-    """Locate the edge of a blob, its ends and its rear.
-
-    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it.
-    The flow is 1 to the right, -1 to the left, 0 if it follows from the shape; the shift is that of `Detection`.
-    """
+    """Locate the edge of a blob, its ends and its rear."""
     if blob.status in _MAY_BE_COMBED and _combed(light, noise, blob):
         return Detection(Status.INTERLACED, walls, blob=blob)
     if not blob.status.ok:
@@ -221,10 +197,8 @@ def analyse_blob(
 
 
 def _combed(light: Floats, noise: float, blob: Blob) -> bool:
-    """Return whether the odd rows of a blob show it elsewhere along the channel than the even ones.
-
-    In each column the light of every other row is compared with that of its neighbours, away from the flanks.
-    """
+    """Return whether the odd rows of a blob show it elsewhere along the channel than the even ones."""
+    # in each column every other row is compared with its neighbours, away from the flanks
     (left, top), (right, bottom) = blob.polygon.min(axis=0).astype(int), blob.polygon.max(axis=0).astype(int)
     aside = (bottom - top) // 4
     part = light[top + aside : bottom - aside + 1, left : right + 1]
@@ -237,10 +211,8 @@ def _combed(light: Floats, noise: float, blob: Blob) -> bool:
 
 
 def _smoothed_by_walls(outline: EdgeOutline, walls: WallLines) -> EdgeOutline:
-    """Return the outline smoothed where it is close to a wall, and nowhere beyond one.
-
-    The wall's line and what a filter made of it disturb the edge there, point by point: the curve would have loops.
-    """
+    """Return the outline smoothed where it is close to a wall, and nowhere beyond one."""
+    # the wall's line and what a filter made of it disturb the edge point by point: the curve would have loops
     clearance = walls.clearance(outline.points)
     if walls.is_clear(clearance).all():
         return outline
@@ -259,10 +231,8 @@ def _ends_located(outline: EdgeOutline, walls: WallLines) -> bool:
 
 
 def smear(outline: EdgeOutline, walls: WallLines) -> float:
-    """Return the way of the capsule during the exposure [px], by the edges that face along it and those beside.
-
-    A motion by s adds s^2 / 12 to the square of the width of the edges at the ends, and nothing at the flanks.
-    """
+    """Return the way of the capsule during the exposure [px], by the edges that face along it and those beside."""
+    # a motion by s adds s^2 / 12 to the square of the width of the edges at the ends, and nothing at the flanks
     facing = outline.normals @ walls.along
     width = np.square(outline.edge_width)
     clear = walls.clearance(outline.points) > _CLEAR_OF_WALL * walls.line_width

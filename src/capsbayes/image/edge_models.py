@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, gaussian_filter1d
 from scipy.special import ndtri, stdtrit
 
 from capsbayes.arrays import Booleans, Floats, Integers
@@ -46,7 +48,7 @@ def _harmonics(points: Floats) -> tuple[Floats, Complex, Booleans]:
     return order, np.fft.fft(points @ np.array([1.0, 1j])), kept
 
 
-# Equations with a positive definite matrix too small for a library's call, solved in place; compiled
+# Equations too small for a library's call
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -90,11 +92,7 @@ def within(points: Floats, boxes: Floats) -> Booleans:
 
 
 def bridged(curve: Floats, erased: Booleans) -> tuple[Floats, Booleans] | None:
-    """Return a closed curve (n, 2) with its erased stretches bridged, and which of its points are a bridge.
-
-    A bridge is a cubic with the directions of the curve at its ends, as long as an arc of a circle would be. None where
-    too little is left.
-    """
+    """Return a closed curve (n, 2) with its erased stretches bridged, and which points are; None if little is left."""
     if not erased.any():
         return curve, erased
     left = [run for run in runs(erased) if not erased[run[0]] and len(run) >= _SHORTEST]
@@ -148,14 +146,8 @@ def _bridge(start: Floats, back: Floats, stop: Floats, on: Floats) -> Floats:
     return np.asarray(shares @ corners)
 
 
-# Models of an edge, a dark line and a dark band, fitted to profiles of intensity by least squares.
-#
-# Two parameters of each model are wanted, place and width; the others enter linearly and are eliminated in each step
-# (variable projection with the Jacobian of Kaufman), which leaves a Gauss-Newton iteration in two unknowns.
-#
-# References
-# ----------
-# Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
+# Place and width of a model are wanted; its other parameters enter linearly and are eliminated in each Gauss-Newton
+# step by variable projection with the Jacobian of Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
 
 _ITERATIONS = 12
 _TOLERANCE = 2e-3  # px
@@ -168,98 +160,38 @@ _RIDGE = 1e-10  # two functions may become alike as the width grows
 class Model(IntEnum):
     """Model of a profile; t is the distance from the place, and the blur is Gaussian with the width."""
 
-    EDGE = 0
-    """A jump between two straight lines, blurred: 1, the line outside, the jump, the line inside.
-
-    The background and its halo outside, and the dark band inside, are smooth near the edge.
-    """
-    LINE = 1
-    """A Gaussian between two levels: the Gaussian, 1, the step."""
-    BAND = 2
-    """A Gaussian on a parabola: the Gaussian, 1, t, t^2."""
+    EDGE = 0  # a jump between two straight lines, blurred: 1, the line outside, the jump, the line inside
+    LINE = 1  # a Gaussian between two levels: the Gaussian, 1, the step
+    BAND = 2  # a Gaussian on a parabola: the Gaussian, 1, t, t^2
 
 
 _FUNCTIONS = {Model.EDGE: 4, Model.LINE: 3, Model.BAND: 4}
 
 
-@dataclass(frozen=True, eq=False)
-class ProfileFit:
-    """Model fitted to each of n profiles.
+class ProfileFit(NamedTuple):
+    """Model fitted to each of n profiles."""
 
-    Parameters
-    ----------
-    place, width : (n,) array
-        In the unit of the samples' positions.
-    place_variance : (n,) array
-        Variance of the place where each sample has noise of variance 1.
-    coefficients : (n, k) array
-        Coefficients of the model's k functions.
-    fitted : (n, m) array
-        The model at the samples that are used, 0 at the others.
-    slope : (n, m) array
-        Its derivative with respect to the place.
-    converged : (n,) array of bool
-    """
-
-    place: Floats
-    width: Floats
-    place_variance: Floats
-    coefficients: Floats
-    fitted: Floats
-    slope: Floats
-    converged: Booleans
+    place: Floats  # (n,): in the unit of the samples' positions
+    width: Floats  # (n,): in the unit of the samples' positions
+    place_variance: Floats  # (n,): variance of the place where each sample has noise of variance 1
+    coefficients: Floats  # (n, k): coefficients of the model's k functions
+    fitted: Floats  # (n, m): the model at the samples that are used, 0 at the others
+    slope: Floats  # (n, m): its derivative with respect to the place
+    converged: Booleans  # (n,)
 
 
 def locate(
-    profiles: Floats,
-    samples: Floats,
-    model: Model,
-    place: Floats,
-    width: Floats,
-    used: Floats,
-    bend: float = 0.0,
+    profiles: Floats, samples: Floats, model: Model, place: Floats, width: Floats, used: Floats, bend: float = 0.0
 ) -> ProfileFit:
-    """Fit a model to each profile.
-
-    Parameters
-    ----------
-    profiles : (n, m) array
-        Intensities.
-    samples : (m,) array
-        Positions of the samples.
-    model : Model
-    place, width : (n,) array
-        Initial guesses.
-    used : (n, m) array
-        1 for the samples to fit, 0 for the others.
-    bend : float
-        Of an edge: inverse of the depth at which the darkness inside falls to 1/e; 0 for a straight line, negative
-        where it falls more steeply further inside.
-    """
+    """Fit a model to each profile (n, m) where it is `used`, from guesses of place and width (n,)."""
+    # the bend of an edge is the inverse of the depth at which the darkness inside falls to 1/e, 0 for a straight line
     count = len(profiles)
-    fit = ProfileFit(
-        place.astype(np.float64),
-        width.astype(np.float64),
-        np.empty(count),
-        np.empty((count, _FUNCTIONS[model])),
-        np.empty(profiles.shape),
-        np.empty(profiles.shape),
-        np.empty(count, dtype=np.bool_),
-    )
-    _locate(
-        np.ascontiguousarray(profiles, dtype=np.float64),
-        np.ascontiguousarray(samples, dtype=np.float64),
-        np.ascontiguousarray(used, dtype=np.float64),
-        int(model),
-        float(bend),
-        fit.place,
-        fit.width,
-        fit.place_variance,
-        fit.coefficients,
-        fit.fitted,
-        fit.slope,
-        fit.converged,
-    )
+    fitted, slope = np.empty(profiles.shape), np.empty(profiles.shape)
+    coefficients, converged = np.empty((count, _FUNCTIONS[model])), np.empty(count, dtype=np.bool_)
+    begun = place.astype(np.float64), width.astype(np.float64)
+    fit = ProfileFit(*begun, np.empty(count), coefficients, fitted, slope, converged)
+    profiles, samples, used = (np.ascontiguousarray(each, dtype=np.float64) for each in (profiles, samples, used))
+    _locate(profiles, samples, used, int(model), float(bend), *fit)
     return fit
 
 
@@ -382,7 +314,7 @@ def _step(profile, used, fitted, jacobian, normal, step):  # type: ignore[no-unt
     step[0] = by_place
 
 
-# Profiles of intensity along the normals of a closed curve, and what their arcs have in common; compiled
+# Profiles along the normals of a closed curve, and their arcs
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -425,108 +357,42 @@ def _mirrored(index, count):  # type: ignore[no-untyped-def]
     return abs(index) if index < count else 2 * (count - 1) - index
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def means_of_arcs(profiles, arc, arcs):  # type: ignore[no-untyped-def]
-    """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array.
-
-    The number of the arc of each profile rises along the curve.
-    """
-    means, count = np.zeros((arcs, profiles.shape[1])), np.zeros(arcs)
-    for n in range(len(profiles)):
-        count[arc[n]] += 1.0
-        for i in range(profiles.shape[1]):
-            means[arc[n], i] += profiles[n, i]
-    for a in range(arcs):
-        for i in range(profiles.shape[1]):
-            means[a, i] /= count[a]
-    return means, count
+def means_of_arcs(profiles: Floats, arc: Integers, arcs: int) -> tuple[Floats, Floats]:
+    """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array."""
+    count = np.bincount(arc, minlength=arcs).astype(np.float64)
+    sums = np.stack([np.bincount(arc, values, arcs) for values in profiles.T], axis=1)
+    return sums / np.maximum(count, 1.0)[:, None], count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def mean_squares(profiles, means, arc, used):  # type: ignore[no-untyped-def]
-    """Return the mean square of the difference of profiles (n, m) from their arc's (arcs, m), where it is used : (n,).
-
-    The numbers `used` (arcs, m) are 1 or 0.
-    """
-    squares = np.zeros(len(profiles))
-    for n in range(len(profiles)):
-        a, count = arc[n], 0.0
-        for i in range(profiles.shape[1]):
-            squares[n] += used[a, i] * (profiles[n, i] - means[a, i]) ** 2
-            count += used[a, i]
-        squares[n] /= count
-    return squares
+def mean_squares(profiles: Floats, means: Floats, arc: Integers, used: Floats) -> Floats:
+    """Return the mean square of the difference of profiles from their arc's where it is used (arcs, m) : (n,) array."""
+    return np.asarray(np.sum(used[arc] * (profiles - means[arc]) ** 2, axis=1) / np.sum(used, axis=1)[arc])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def misfit_around(left, used, place_variance, fitted, neighbours):  # type: ignore[no-untyped-def]
-    """Return the error of the place of each arc that follows from what the model leaves over : (arcs,) array.
-
-    What is left (arcs, m) has few degrees of freedom, as so many parameters are fitted: those of the neighbours to
-    either side, around the closed curve, are added to them.
-    """
-    arcs = len(left)
-    squares, free = np.zeros(arcs), np.zeros(arcs)
-    for a in range(arcs):
-        for i in range(left.shape[1]):
-            squares[a] += used[a, i] * left[a, i] ** 2
-            free[a] += used[a, i]
-        free[a] = max(free[a] - fitted, 0.0)
-    misfit = np.empty(arcs)
-    for a in range(arcs):
-        total, degrees = 0.0, 0.0
-        for b in range(a - neighbours, a + neighbours + 1):
-            total += squares[b % arcs]
-            degrees += free[b % arcs]
-        misfit[a] = np.sqrt(total / max(degrees, 1.0) * place_variance[a])
-    return misfit
+def misfit_around(left: Floats, used: Floats, place_variance: Floats, fitted: float, neighbours: int) -> Floats:
+    """Return the error of the place of each arc that follows from what the model leaves over : (arcs,) array."""
+    # few degrees of freedom are left, as so many parameters are fitted: those of the neighbours are added
+    squares, free = np.sum(used * left**2, axis=1), np.maximum(np.sum(used, axis=1) - fitted, 0.0)
+    squares, free = correlate1d(np.stack([squares, free]), np.ones(2 * neighbours + 1), mode="wrap")
+    return np.asarray(np.sqrt(squares / np.maximum(free, 1.0) * place_variance))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def tangents(base):  # type: ignore[no-untyped-def]
-    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) arrays."""
-    count = len(base)
-    made = np.empty((count, 2))
-    for n in range(count):
-        before, after = base[n - 1], base[(n + 1) % count]
-        x, y = after[0] - before[0], after[1] - before[1]
-        length = np.hypot(x, y)
-        made[n, 0], made[n, 1] = x / length, y / length
-    return made
+def tangents(base: Floats) -> Floats:
+    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) array."""
+    step = np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0)
+    return np.asarray(step / np.hypot(*step.T)[:, None])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def curvatures(curve):  # type: ignore[no-untyped-def]
-    """Return the curvature at each of the points (n, 2) at equal distances on a closed curve, clockwise in a picture.
-
-    It is positive where the curve is convex.
-    """
-    count = len(curve)
-    made = np.empty(count)
-    for n in range(count):
-        before, here, after = curve[n - 1], curve[n], curve[(n + 1) % count]
-        x, y = 0.5 * (after[0] - before[0]), 0.5 * (after[1] - before[1])
-        bent_x, bent_y = after[0] - 2.0 * here[0] + before[0], after[1] - 2.0 * here[1] + before[1]
-        made[n] = (x * bent_y - y * bent_x) / np.hypot(x, y) ** 3
-    return made
+def curvatures(curve: Floats) -> Floats:
+    """Return the curvature at points (n, 2) at equal distances of a clockwise curve, positive where it is convex."""
+    before, after = np.roll(curve, 1, axis=0), np.roll(curve, -1, axis=0)
+    (x, y), (bent_x, bent_y) = 0.5 * (after - before).T, (after - 2.0 * curve + before).T
+    return np.asarray((x * bent_y - y * bent_x) / np.hypot(x, y) ** 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def rounded(curve, deviation):  # type: ignore[no-untyped-def]
-    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points, cut off at four of it."""
-    reach, count = int(4.0 * deviation + 0.5), len(curve)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    weights /= weights.sum()
-    smooth = np.zeros(curve.shape)
-    for n in range(count):
-        at = (n - reach) % count
-        for i in range(len(weights)):
-            for axis in range(2):
-                smooth[n, axis] += weights[i] * curve[at, axis]
-            at += 1
-            if at == count:
-                at = 0
-    return smooth
+def rounded(curve: Floats, deviation: float) -> Floats:
+    """Return a closed curve (n, 2) smoothed by a Gaussian of a standard deviation in points."""
+    return np.asarray(gaussian_filter1d(curve, deviation, axis=0, mode="wrap"))
 
 
 # Straight lines and parabolas by least squares, without the points that lie off them
@@ -536,25 +402,13 @@ _OUTLIER = 4.0  # robust standard deviations
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """Least-squares fit to the points that were kept.
+    """Least-squares fit to the points that were kept."""
 
-    Parameters
-    ----------
-    coefficients : (k,) array
-    kept : (n,) array of bool
-    spread : float
-        Robust standard deviation of the residuals, before the last outliers were removed.
-    variance : float
-        Variance of the residuals of the points that were kept.
-    design : (n, k) array
-        Rows of the points that were kept.
-    """
-
-    coefficients: Floats
-    kept: Booleans
-    spread: float
-    variance: float
-    design: Floats
+    coefficients: Floats  # (k,)
+    kept: Booleans  # (n,)
+    spread: float  # robust standard deviation of the residuals, before the last outliers were removed
+    variance: float  # variance of the residuals of the points that were kept
+    design: Floats  # (n, k): rows of the points that were kept
 
     @property
     def cofactor(self) -> Floats:
@@ -584,10 +438,7 @@ def quantile(values: Floats, share: float) -> float:
 
 @lru_cache
 def wider_by_few(free: int) -> float:
-    """Return Student's interval of 95 % with so many degrees of freedom, one at least, over that of a known variance.
-
-    A scatter seen in few values tells their error only roughly.
-    """
+    """Return Student's 95 % interval over that of a known variance: a scatter seen in few values is rough."""
     return float(stdtrit(max(free, 1), 0.975) / ndtri(0.975))
 
 
@@ -605,35 +456,14 @@ def fit_without_outliers(
     floor: float,
     enough: Callable[[Booleans], bool],
 ) -> RobustFit | None:
-    """Fit a linear model again and again, each time without the points that are off by four standard deviations.
-
-    The model is the product of design (n, k) and coefficients; `kept` (n,) marks the points to begin with, `floor` is
-    the smallest standard deviation for judging outliers. Returns None where the points left are not `enough`.
-    """
+    """Fit design (n, k) @ coefficients again and again without outliers; None if the points left are not `enough`."""
     for _ in range(rounds):
         if not enough(kept):
             return None
-        coefficients = _least_squares(design, values, kept)
+        coefficients = np.asarray(np.linalg.lstsq(design[kept], values[kept], rcond=None)[0], dtype=np.float64)
         residuals = values - design @ coefficients
         spread = max(robust_spread(residuals[kept]), floor)
         kept = kept & (np.abs(residuals) < _OUTLIER * spread)
     used = design[kept]
     variance = np.sum(residuals[kept] ** 2) / max(len(used) - design.shape[1], 1)
     return RobustFit(coefficients, kept, spread, float(variance), used)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _least_squares(design, values, kept):  # type: ignore[no-untyped-def]
-    """Return the coefficients (k,) for which the rows that are kept of the product with a design (n, k) fit best."""
-    count = design.shape[1]
-    normal, side = np.zeros((count, count)), np.zeros(count)
-    for n in range(len(design)):
-        if not kept[n]:
-            continue
-        for a in range(count):
-            side[a] += design[n, a] * values[n]
-            for b in range(count):
-                normal[a, b] += design[n, a] * design[n, b]
-    factorise(normal)
-    substitute(normal, side)
-    return side

@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, spline_filter
+from scipy.ndimage import correlate1d, gaussian_filter1d, map_coordinates, median_filter, spline_filter
 from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
@@ -41,11 +40,8 @@ from capsbayes.image.edge_models import (
 from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area
 from capsbayes.quantity import Quantity
 
-# The outline of a capsule in a picture, to a fraction of a pixel.
-#
-# A closed curve around the dark blob is moved to where the intensity along its normals jumps. The jump is located in
-# means over arcs of the curve (`edges.models`); the shift of each normal against the mean of its arc is fitted to their
-# difference
+# A closed curve around the dark blob is moved to where the intensity along its normals jumps: the jump is located in
+# means over arcs of the curve, and the shift of each normal against the mean of its arc is fitted to their difference
 
 _SPACING = 1.25  # px between normals
 ARC = 18.0  # px: length of the arcs that share one shape of the edge
@@ -55,7 +51,6 @@ _START_WIDTH = 1.5  # px
 AVERAGED = 3  # points: the errors of their means are almost independent
 _SCATTER = 0.75, 0.15  # variance of their mean over that of independent points: at zero width, and per width squared
 _NEIGHBOURS, _ALIKE = 2, 1.7  # arcs to either side, and the largest ratio of an arc's width to the median of these
-_AROUND = 2 * _NEIGHBOURS + 1  # arcs
 _BEFOREHAND = 0.7, 0.5, 0.5  # px, and of the light: spreads of shift, contrast and brightness about those of the arc
 _BENDS = 0.15 * np.arange(-1.0, 4.0)  # 1/px: of the darkness inside an edge
 _BENDS_SPREAD = 0.15  # 1/px, beforehand
@@ -72,36 +67,16 @@ _NOISE_ROWS = 8  # of them, at least
 
 @dataclass(frozen=True, eq=False)
 class EdgeOutline:
-    """Closed outline with the error of each of its points.
+    """Closed outline with the error of each of its points."""
 
-    Parameters
-    ----------
-    points : (n, 2) array [px]
-        Columns (x, y), about a pixel apart.
-    normals : (n, 2) array
-        Unit vectors outwards.
-    point_error : (n,) array [px]
-        Standard error along the normal, independent from point to point.
-    arc_error : (n,) array [px]
-        Standard error along the normal that the points of one arc share.
-    arc : (n,) array of int
-        Number of the arc of each point.
-    edge_width : (n,) array [px]
-        Standard deviation of the blur at each point.
-    located : (n,) array of bool
-        False where the edge of an arc was not found, and is taken from its neighbours.
-    erased : (n,) array of bool
-        True where a person erased the edge: the points there are a bridge between those beside.
-    """
-
-    points: Floats = field(repr=False)
-    normals: Floats = field(repr=False)
-    point_error: Floats = field(repr=False)
-    arc_error: Floats = field(repr=False)
-    arc: NDArray[np.intp] = field(repr=False)
-    edge_width: Floats = field(repr=False)
-    located: Booleans = field(repr=False)
-    erased: Booleans = field(repr=False)
+    points: Floats = field(repr=False)  # (n, 2) [px]: columns (x, y), about a pixel apart
+    normals: Floats = field(repr=False)  # (n, 2): unit vectors outwards
+    point_error: Floats = field(repr=False)  # (n,) [px]: along the normal, independent from point to point
+    arc_error: Floats = field(repr=False)  # (n,) [px]: along the normal, shared by the points of one arc
+    arc: NDArray[np.intp] = field(repr=False)  # (n,): number of the arc of each point
+    edge_width: Floats = field(repr=False)  # (n,) [px]: standard deviation of the blur at each point
+    located: Booleans = field(repr=False)  # (n,): false where the edge of an arc was not found
+    erased: Booleans = field(repr=False)  # (n,): true where the points are a bridge over what a person erased
 
 
 def pixel_noise(light: Floats) -> float:
@@ -112,12 +87,9 @@ def pixel_noise(light: Floats) -> float:
 
 
 def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None) -> EdgeOutline | None:
-    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none.
-
-    The light (rows, columns) is over that of the empty channel, the noise the standard deviation of one pixel of it;
-    the polygon (p, 2) [px] has columns (x, y) and is clockwise as seen in the picture. No edge is looked for where its
-    points (p,) are erased.
-    """
+    """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none."""
+    # light over that of the empty channel; polygon (p, 2) clockwise as seen in the picture; no edge is sought where
+    # erased (p,)
     erased = np.zeros(len(polygon), dtype=bool) if erased is None else erased
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
@@ -126,15 +98,15 @@ def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans |
     for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
         if moved is None:
             return None
-        bend = None if estimated else moved.bend
-        moved = _moved(spline, moved.outline.points, moved.outline.erased, moved.outline.edge_width, bend)
+        outline, _, bend = moved
+        moved = _moved(spline, outline.points, outline.erased, outline.edge_width, None if estimated else bend)
     if moved is None:
         return None
-    outline = moved.outline
+    outline, arc_misfit, _ = moved
     left = scatter_left(averaged(outline.points), averaged(outline.normals), without_erased(outline))
     seen = left / scatter_expected(outline)  # noise of a pixel that would scatter the points as they do
     of_noise = np.square(max(noise, seen) * outline.arc_error)
-    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(moved.arc_misfit) - of_noise, 0.0))
+    arc_error = np.sqrt(of_noise + _ALONG * np.maximum(np.square(arc_misfit) - of_noise, 0.0))
     of_bridges = bridge_errors(outline.points, outline.erased)
     return replace(
         outline,
@@ -151,11 +123,8 @@ def averaged(values: Floats) -> Floats:
 
 
 def thinned(points: Floats) -> Floats:
-    """Return means of three consecutive points each of an outline (n, 2), on the curve through them : (n // 3, 2).
-
-    A mean of points lies within a tight corner, by a twentieth of a pixel at a radius of 10 px. It is moved out by what
-    those of the smooth curve lie within.
-    """
+    """Return means of three consecutive points each of an outline (n, 2), on the curve through them : (n // 3, 2)."""
+    # a mean of points lies within a tight corner: it is moved out by what those of the smooth curve lie within
     smooth = smooth_curve(points)
     within = smooth[AVERAGED // 2 :: AVERAGED][: len(points) // AVERAGED] - averaged(smooth)
     return np.asarray(averaged(points) + within)
@@ -174,46 +143,20 @@ def scatter_expected(outline: EdgeOutline) -> float:
 
 
 def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) -> float:
-    """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, in their unit.
-
-    Only those that are kept (n,) count, by default all.
-
-    The points are so far apart that their errors are almost independent. A curve that is smooth over five of them has
-    no fourth difference; tight corners are outliers. The noise of a pixel tells less where a picture was compressed or
-    filtered: its errors are then alike over several pixels.
-    """
-    fourth = _closed(points, 2)
-    for _ in range(4):
-        fourth = np.diff(fourth, axis=0)
+    """Return the standard deviation of points (n, 2) of an outline that is seen in themselves, of those kept (n,)."""
+    # A curve that is smooth over five points has no fourth difference; tight corners are outliers. The noise of a pixel
+    # tells less where a picture was compressed or filtered: its errors are then alike over several pixels.
+    fourth = correlate1d(points, [1.0, -4.0, 6.0, -4.0, 1.0], axis=0, mode="wrap")
     across = np.sum(fourth * normals, axis=1)[... if kept is None else kept]
     # of the middle four fifths: the errors of a compressed picture differ from place to place
     return quantile(np.abs(across), 0.8) / 1.2816 / np.sqrt(70.0)  # the sum of the squared factors
 
 
-@dataclass(frozen=True, eq=False)
-class _Moved:
-    """Outline of one round, its errors those for noise 1.
-
-    Parameters
-    ----------
-    outline : EdgeOutline
-    arc_misfit : (n,) array [px]
-        Error of the arc of each point that follows from what the model leaves over.
-    bend : float [1/px]
-        Bend of the darkness inside the edge.
-    """
-
-    outline: EdgeOutline
-    arc_misfit: Floats
-    bend: float
-
-
-def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None) -> _Moved | None:
-    """Locate the edge in the mean of each arc, along normals on the smoothed curve, and the shift of each normal.
-
-    The windows along the normals follow the widths of the last round, given at equal distances along the curve. The
-    bend is estimated if it is None. Erased stretches of the curve are bridged first, and their normals are not used.
-    """
+def _moved(
+    spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None
+) -> tuple[EdgeOutline, Floats, float] | None:
+    """Locate the edge in the mean of each arc and the shift of each normal : outline, misfit of the arcs, bend."""
+    # the windows along the normals follow the widths of the last round, at equal distances along the curve
     whole = bridged(curve, erased)
     if whole is None:
         return None
@@ -264,7 +207,7 @@ def _moved(spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend
         erased=erased,
     )
     misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
-    return _Moved(outline, misfit[arc], bend)
+    return outline, misfit[arc], bend
 
 
 def _filled(values: Floats, located: Booleans) -> Floats:
@@ -277,17 +220,14 @@ def _filled(values: Floats, located: Booleans) -> Floats:
 
 def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
     """Return whether the edge of each arc was located: near the curve, dark inside, and as wide as around."""
-    around = np.sort(sliding_window_view(_closed(edge.width, _NEIGHBOURS), _AROUND), axis=1)[:, _NEIGHBOURS]
+    around = median_filter(edge.width, 2 * _NEIGHBOURS + 1, mode="wrap")
     alike = np.maximum(edge.width, around) < _ALIKE * np.minimum(edge.width, around)
     near = np.abs(edge.place) < 0.7 * window
     return np.asarray(edge.converged & alike & near & (edge.coefficients[:, 2] < -_CONTRAST))
 
 
 def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight: Floats) -> float:
-    """Return the bend of the darkness inside the edge, one for the whole outline, that fits the arcs best [1/px].
-
-    The weights (arcs,) are the inverse variances of a sample. Where a picture hardly tells the bend, it is near zero.
-    """
+    """Return the bend [1/px] of the darkness inside the edge that fits all arcs best; weights are inverse variances."""
     place = np.zeros(len(means))
     squares = []
     for bend in _BENDS:
@@ -303,16 +243,8 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
     return float(_BENDS[best] + step * np.clip(vertex, -1.0, 1.0))
 
 
-def _closed(values: Floats, count: int) -> Floats:
-    """Return rows around an outline with the last of them before the first, and the first after the last."""
-    return np.concatenate([values[-count:], values, values[:count]])
-
-
 def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
-    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex.
-
-    The curvature is that of the curve smoothed by the blur too, which averages it.
-    """
+    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
     base = rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
     return base, tangents(base), curvatures(rounded(base, blur / _SPACING))
@@ -321,11 +253,9 @@ def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
 def _shifts(
     profiles: Floats, arc: NDArray[np.intp], means: Floats, slopes: Floats, used: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1.
-
-    Differences of brightness and contrast from the mean are fitted together with the shift. In a wide blur the three
-    are much alike: each has a normal distribution beforehand, wide where a picture tells them.
-    """
+    """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1."""
+    # differences of brightness and contrast are fitted with the shift; in a wide blur the three are much alike: each
+    # has a normal distribution beforehand, wide where a picture tells them
     shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
     held = median(mean_squares(profiles, means, arc, used)) / np.square(_BEFOREHAND)
     _shifted(profiles, arc, means, slopes, used, held, shift, variance)
@@ -356,13 +286,11 @@ def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type
 
 
 def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """Return the blur across and along the edge at each point : (n,) arrays [px].
-
-    The blur is Gaussian, with the standard deviations x and y along the rows and columns: those across the edge where
-    it faces that way. With X the blur along an edge of curvature c, and Y that across it, half the light is left where
-    Y + c X^2 / 2 has its median. For small c this is c / 2 times the variance of X given Y = 0, which is (x y)^2 over
-    the variance of Y. Its root is the blur along the edge.
-    """
+    """Return the blur across and along the edge at each point : (n,) arrays [px]."""
+    # The blur is Gaussian, with standard deviations x and y along rows and columns. With X the blur along an edge of
+    # curvature c, and Y that across it, half the light is left where Y + c X^2 / 2 has its median. For small c this is
+    # c / 2 times the variance of X given Y = 0, which is (x y)^2 over the variance of Y. Its root is the blur along the
+    # edge.
     streamwise = np.abs(normals[:, 0]) > 0.8
     crosswise = np.abs(normals[:, 1]) > 0.8
     x = median(width[streamwise]) if streamwise.any() else median(width)
@@ -381,32 +309,21 @@ EDGE_FLOOR = 0.03  # px: no edge is located better than that in a picture sample
 
 @dataclass(frozen=True)
 class FurthestPoint:
-    """Furthest point of an outline in a direction.
+    """Furthest point of an outline in a direction."""
 
-    Parameters
-    ----------
-    distance, variance : float [px, px^2]
-        Along the direction from the origin of the picture, and the variance of its error.
-    systematic : float [px^2]
-        The part of the variance that is the same in all pictures of a capsule.
-    """
-
-    distance: float
-    variance: float
-    systematic: float
+    distance: float  # [px]: along the direction from the origin of the picture
+    variance: float  # [px^2]: of the error of the distance
+    systematic: float  # [px^2]: the part of the variance that is the same in all pictures of a capsule
 
 
 def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift: float = 0.0) -> FurthestPoint:
-    """Return the largest distance of an outline along a direction.
-
-    The largest of many uncertain points would lie too far out; the maximum of a quartic through its neighbours does
-    not. The widest neighbourhood is used in which the quartic agrees with the points to within their errors. The
-    direction is a unit vector (2,), the misfit [1/px] the error of the edge's model over the square of the edge's
-    width: the first term that the model lacks is quadratic. The shift [px] is the standard error of all edges together.
-    """
+    """Return the largest distance of an outline along a direction."""
+    # The largest of many uncertain points would lie too far out; the maximum of a quartic does not. The widest
+    # neighbourhood counts in which it agrees with the points. The misfit [1/px] is the error of the edge's model over
+    # the square of its width: the first term that the model lacks is quadratic.
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
-    top = int(np.argmax(_moving_mean(reach)))
+    top = int(np.argmax(correlate1d(reach, np.full(5, 0.2), mode="wrap")))
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t, design = _design(window)
@@ -446,26 +363,16 @@ def _derivatives(t: float, powers: NDArray[np.intp]) -> tuple[Floats, Floats, Fl
 
 
 def _too_far(slope_variance: float, bend: float, variance: float) -> float:
-    """Return how much too large the maximum of a fitted curve is on average, as it lies where errors raise the curve.
-
-    An error of the slope moves the maximum of a curve whose second derivative is -bend, and raises it by half the
-    slope's square over the bend. No more than the standard error of the maximum is taken off a flat curve.
-    """
+    """Return how much too large the maximum of a fitted curve is on average."""
+    # an error of the slope moves the maximum of a curve of second derivative -bend, and raises it by half the slope's
+    # square over the bend; of a flat curve no more than the standard error is taken off
     largest = float(np.sqrt(variance))
     return min(0.5 * slope_variance / bend, largest) if bend > 0.0 else largest
 
 
-def _moving_mean(values: Floats) -> Floats:
-    return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")
-
-
-# The concave rear of a capsule: a second dark band inside the outline, seen through the rim that hides it.
-#
-# The middle of the band is taken for the membrane. Where no band is distinct from that of the outer edge, the rear may
-# be
-# convex, or concave and not seen, and there is no result. Of a band that is wider than those of drawn pictures, the
-# place
-# of the membrane within it is not known: its standard deviation is in the error of the depth
+# The concave rear, a second dark band inside the outline, whose middle is taken for the membrane. Where none is
+# distinct from that of the outer edge, the rear may be convex, or concave and not seen. Of a band that is wider than
+# those of drawn pictures, the place of the membrane within it is not known: its deviation is in the error of the depth
 
 _BREADTH = 0.3  # of half the capsule's height: largest distance from the axis at which the band is followed
 _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at which it is sought
@@ -489,53 +396,21 @@ _BAND_MISFIT = 0.02  # of the width of the band: how far the model's middle may 
 
 @dataclass(frozen=True, eq=False)
 class RearBand:
-    """Dark band of a concave rear, where it crosses the axis.
+    """Dark band of a concave rear, where it crosses the axis."""
 
-    Parameters
-    ----------
-    depth, depth_error : float [px]
-        From the rear end of the capsule to the middle of the band on the axis, and its standard error.
-    systematic : float [px^2]
-        The part of the error's square that is the same in all pictures of a capsule.
-    width : float [px]
-        Standard deviation of the band.
-    within : float [px]
-        The part of the error that is the place of the membrane within a wide band; 0 in a narrow one.
-    curvature : float [1/px]
-        Second derivative of the depth across the axis.
-    breadth : float [px]
-        Distance from the axis up to which it was followed.
-    """
-
-    depth: float
-    depth_error: float
-    systematic: float
-    width: float
-    within: float
-    curvature: float
-    breadth: float
+    depth: float  # [px]: from the rear end of the capsule to the middle of the band on the axis
+    depth_error: float  # [px]
+    systematic: float  # [px^2]: the part of the error's square that is the same in all pictures of a capsule
+    width: float  # [px]: standard deviation of the band
+    within: float  # [px]: the part of the error that is the place of the membrane within a wide band; 0 in a narrow one
+    curvature: float  # [1/px]: second derivative of the depth across the axis
+    breadth: float  # [px]: distance from the axis up to which it was followed
 
 
 def find_rear(
     light: Floats, end: Floats, inwards: Floats, length: float, half_height: float, blur: float, noise: float
 ) -> RearBand | None:
-    """Find the dark band of a concave rear.
-
-    Parameters
-    ----------
-    light : (rows, columns) array
-        Light over that of the empty channel.
-    end : (2,) array [px]
-        Rear end (x, y) of the silhouette, on the axis.
-    inwards : (2,) array
-        Unit vector from there to the nose.
-    length, half_height : float [px]
-        Of the silhouette.
-    blur : float [px]
-        Standard deviation of the blur across the axis.
-    noise : float
-        Standard deviation of one pixel of `light`.
-    """
+    """Find the dark band of a concave rear."""
     rays, y = _rays(light, end, inwards, _DEPTH * length, half_height)
     start = _coarse(rays, y, _CURVATURES / half_height, noise)
     return None if start is None else _fine(rays, y, start, blur, noise)
@@ -544,11 +419,8 @@ def find_rear(
 def shows_second_nose(
     light: Floats, nose: Floats, inwards: Floats, length: float, half_height: float, noise: float
 ) -> bool:
-    """Return whether a dark band as of a second nose is seen inside the front half of a capsule.
-
-    Two capsules overlap there. The arguments are those of `find_rear`, with the nose in place of the rear end. In a
-    small cell, what lies in it is not distinct from a nose, and none is sought.
-    """
+    """Return whether a dark band as of a second nose is seen inside the front half of a capsule."""
+    # in a small cell, what lies in it is not distinct from a nose
     if length < _RESOLVED:
         return False
     rays, y = _rays(light, nose, inwards, _FRONT * length, half_height)
@@ -559,52 +431,25 @@ def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height
     """Return the light along rays (r, u) from an end inwards, a pixel apart, and their distances (r,) from the axis."""
     breadth = _BREADTH * half_height
     y = np.arange(-np.floor(breadth), np.floor(breadth) + 1.0)
-    return _along_rays(light, end, inwards, math.ceil(depth), y), y
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _along_rays(light, end, inwards, count, y):  # type: ignore[no-untyped-def]
-    """Return the light, linear between pixels, at so many distances inwards, a pixel apart, for each y : (r, u)."""
-    rows, columns = light.shape
-    rays = np.empty((len(y), count))
-    for r in range(len(y)):
-        for u in range(count):
-            column = min(max(end[0] + u * inwards[0] - y[r] * inwards[1], 0.0), columns - 1.0)
-            row = min(max(end[1] + u * inwards[1] + y[r] * inwards[0], 0.0), rows - 1.0)
-            i, j = min(int(row), rows - 2), min(int(column), columns - 2)
-            down, right = row - i, column - j
-            upper = (1.0 - right) * light[i, j] + right * light[i, j + 1]
-            lower = (1.0 - right) * light[i + 1, j] + right * light[i + 1, j + 1]
-            rays[r, u] = (1.0 - down) * upper + down * lower
-    return rays
+    at = end[:, None, None] + np.multiply.outer(inwards, np.arange(math.ceil(depth)))[:, None]
+    at = at + np.multiply.outer([-inwards[1], inwards[0]], y)[:, :, None]
+    return np.asarray(map_coordinates(light, at[::-1], order=1, mode="nearest")), y
 
 
 def _coarse(
     rays: Floats, y: Floats, curvatures: Floats, noise: float, *, behind_rim: bool = False
 ) -> tuple[int, float, float] | None:
-    """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel.
-
-    Behind the rim, only a band is sought that another one, that of the outer edge, is seen in front of.
-    """
-    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)
-    smooth = gaussian_filter1d(_stacked(rays, bend), _BAND_SMOOTHING, axis=1, mode="nearest")
+    """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel."""
+    # behind the rim, a band counts only if another one, that of the outer edge, is seen in front of it
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)[:, :, None]  # by which each ray is shifted
+    inward = np.clip(np.arange(rays.shape[1]) + bend, 0, rays.shape[1] - 1)
+    stacked = rays[np.arange(len(rays))[:, None], inward].mean(axis=1)
+    smooth = gaussian_filter1d(stacked, _BAND_SMOOTHING, axis=1, mode="nearest")
     least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
     row, dip, prominence = _most_prominent(smooth, least, behind_rim)
     if row < 0:
         return None
     return dip, float(curvatures[row]), _deviation(smooth[row], dip, 0.5 * prominence)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _stacked(rays, bend):  # type: ignore[no-untyped-def]
-    """Return the mean of the rays (r, u), each shifted by its bend, for each row of bends (c, r) : (c, u) array."""
-    last = rays.shape[1] - 1
-    stacked = np.zeros((len(bend), last + 1))
-    for c in range(len(bend)):
-        for r in range(len(rays)):
-            for u in range(last + 1):
-                stacked[c, u] += rays[r, min(max(u + bend[c, r], 0), last)]
-    return stacked / len(rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -680,34 +525,20 @@ def _place_within(deviation: float, blur: float) -> float:
     return of_band if of_band > _WIDE else 0.0
 
 
-# Centroid, area, perimeter and volume of revolution within an outline, with their errors.
-#
-# Each changes in proportion to the displacement of a piece of the edge along its normal. So the errors of the points
-# give
-# those of the integral: independent ones from point to point, shared ones within an arc, and the misfit of the edge's
-# model all around
+# Integrals change in proportion to the displacement of a piece of the edge along its normal: independent errors from
+# point to point, shared ones within an arc, and the misfit of the edge's model all around
 
 _DENSE = 1024
 
 
 @dataclass(frozen=True)
 class SilhouetteIntegrals:
-    """Integrals over a silhouette.
+    """Integrals over a silhouette."""
 
-    Parameters
-    ----------
-    area, perimeter : Quantity [px^2], [px]
-    volume : Quantity [px^3]
-        Mean of the bodies of revolution of the two halves; a concave rear, which the silhouette hides, is not
-        subtracted.
-    stretch_ratio : Quantity [-]
-        Perimeter over that of the sphere of this volume.
-    """
-
-    area: Quantity
-    perimeter: Quantity
-    volume: Quantity
-    stretch_ratio: Quantity
+    area: Quantity  # [px^2]
+    perimeter: Quantity  # [px]
+    volume: Quantity  # [px^3]: mean of the bodies of revolution of the two halves, a concave rear not subtracted
+    stretch_ratio: Quantity  # [-]: perimeter over that of the sphere of this volume
 
 
 def centroid(points: Floats) -> Floats:
@@ -718,10 +549,8 @@ def centroid(points: Floats) -> Floats:
 
 
 def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
-    """Return the variance of the centroid's place along a unit vector [px^2], of the noise alone.
-
-    The misfit of the edge's model shifts the centroid by the same amount in all pictures of a capsule.
-    """
+    """Return the variance of the centroid's place along a unit vector [px^2], of the noise alone."""
+    # the misfit of the edge's model shifts the centroid alike in all pictures of a capsule
     lever = (outline.points - centroid(outline.points)) @ direction
     step = _steps(outline.points)
     return _variance(outline, lever * step / abs(signed_area(outline.points)))
@@ -730,12 +559,7 @@ def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
 def integrate_silhouette(
     outline: EdgeOutline, axis: Floats, across: Floats, misfit: float, shift: float = 0.0
 ) -> SilhouetteIntegrals:
-    """Return area, perimeter, volume of revolution and stretch ratio of an outline.
-
-    The axis of revolution is given by a point of it (2,) [px] and the unit vector (2,) across; the misfit [1/px] is the
-    error of the edge's model over the square of the edge's width, the shift [px] the standard error of all edges
-    together.
-    """
+    """Return area, perimeter, volume of revolution and stretch ratio of an outline."""
     y = (outline.points - axis) @ across
     step = _steps(outline.points)
     along = np.array([across[1], -across[0]])
@@ -752,10 +576,8 @@ def integrate_silhouette(
 
 
 def _variance(outline: EdgeOutline, weight: Floats, floor: float = 0.0) -> float:
-    """Return the variance of the weighted sum of the points' errors.
-
-    The points of an arc shift against the mean of the arc: where the weights are alike, these shifts cancel.
-    """
+    """Return the variance of the weighted sum of the points' errors."""
+    # the points of an arc shift against its mean: where the weights are alike, these shifts cancel
     count = np.bincount(outline.arc)
     total = np.bincount(outline.arc, weight)
     shared = total * np.hypot(outline.arc_error[np.flatnonzero(np.diff(outline.arc, prepend=-1))], floor)

@@ -25,12 +25,10 @@ from capsbayes.files.recording import PICTURE_KINDS, VIDEO_KINDS, Images, check_
 
 Pixels = NDArray[Any]
 
-SMALLEST_SIDE = 16
-"""Fewest rows and columns of a picture."""
+SMALLEST_SIDE = 16  # fewest rows and columns of a picture
 _MOST_PIXELS = 2**23
 _LONGEST_SIDE = 2**15 - 2  # which OpenCV can turn
-MOST_IN_FRAMES = 2**22
-"""Most pixels of a frame of a film, tens of which are in memory together."""
+MOST_IN_FRAMES = 2**22  # pixels of a frame of a film, tens of which are in memory together
 _FULL_SCALES = (255, 1023, 4095, 16383, 65535)  # largest grey level of 8, 10, 12, 14 and 16 bits
 _ORIENTATION = 274  # EXIF tag, and what its values mean: rows and columns are exchanged, then quarters clockwise
 _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (False, 1), 7: (True, 2), 8: (False, 3)}
@@ -42,42 +40,16 @@ _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Grey levels of one picture.
+    """Grey levels of one picture."""
 
-    Parameters
-    ----------
-    grey : (rows, columns) array
-        Grey levels in counts of the camera; of a colour picture, the luma (ITU-R BT.601).
-    clipped : (rows, columns) array of bool
-        Pixels at either end of the camera's scale, whose true level is unknown.
-    source : str
-        File that the picture was read from, empty if none.
-    sha256 : str
-        Hash of that file.
-    """
-
-    grey: Floats = field(repr=False)
-    clipped: Booleans = field(repr=False)
-    source: str = ""
-    sha256: str = ""
+    grey: Floats = field(repr=False)  # (rows, columns): counts of the camera; of a colour picture, the luma (BT.601)
+    clipped: Booleans = field(repr=False)  # (rows, columns): pixels at either end of the camera's scale
+    source: str = ""  # file that the picture was read from, empty if none
+    sha256: str = ""  # hash of that file
 
     @classmethod
     def read(cls, path: str | Path) -> Picture:
-        """Read a PNG, TIFF, JPEG or BMP file, grey or in colour, turned as a viewer turns it (EXIF, TIFF orientation).
-
-        Parameters
-        ----------
-        path : path
-
-        Returns
-        -------
-        Picture
-
-        Raises
-        ------
-        InputError
-            If the file is missing, empty, cut off, not a picture, or holds several.
-        """
+        """Read a PNG, TIFF, JPEG or BMP file, grey or in colour, turned as a viewer turns it."""
         where, raw = str(path), read_bytes(path, "picture")
         if not raw:
             raise InputError(where, "", "a picture", "an empty file")
@@ -94,22 +66,7 @@ class Picture:
 
     @classmethod
     def from_array(cls, pixels: ArrayLike) -> Picture:
-        """Take a picture from memory.
-
-        Parameters
-        ----------
-        pixels : (rows, columns) or (rows, columns, colours) array
-            Unsigned integers as the camera recorded them, or any real numbers; colours are red, green, blue.
-
-        Returns
-        -------
-        Picture
-
-        Raises
-        ------
-        InputError
-            If the array has another shape, a value that is not finite, or many below zero.
-        """
+        """Take a picture from memory."""
         return cls._of(np.asarray(pixels), "picture", "")
 
     @classmethod
@@ -151,10 +108,7 @@ class Picture:
         return rows, columns
 
     def mirrored(self, level: float) -> Picture:
-        """Return the picture with its grey levels subtracted from one, so that what was bright is dark.
-
-        Of the clipped pixels only the brightest stay: a dark ground that is clipped hides no edge.
-        """
+        """Return the picture with its grey levels subtracted from one, so that what was bright is dark."""
         return replace(self, grey=level - self.grey, clipped=self.clipped & (self.grey > 0.0))
 
     def turned(self, quarters: int) -> Picture:
@@ -275,34 +229,16 @@ _LEAST_BYTES = 8  # of a frame in a video
 
 @dataclass(frozen=True)
 class Film:
-    """Frames of a film, read one after the other when they are asked for.
+    """Frames of a film, read one after the other when they are asked for."""
 
-    Parameters
-    ----------
-    source : Path
-        Folder of pictures, taken in the order of the numbers in their names, or a file.
-    count : int
-        Number of frames that the film should have; a film that was cut short holds fewer.
-    behind : (int, tuple of int, str), optional
-        As of `capsbayes.files.recording.Images`.
-    quarters : int
-        By how many quarters the frames are turned clockwise.
-    """
-
-    source: Path
-    count: int
-    behind: tuple[int, tuple[int, ...], str] | None = None
-    quarters: int = 0
+    source: Path  # folder of pictures, taken in the order of the numbers in their names, or a file
+    count: int  # number of frames that the film should have; a film that was cut short holds fewer
+    behind: tuple[int, tuple[int, ...], str] | None = None  # as of `capsbayes.files.recording.Images`
+    quarters: int = 0  # by how many quarters the frames are turned clockwise
 
     @classmethod
     def open(cls, path: str | Path) -> Film:
-        """Open a film and count its frames.
-
-        Raises
-        ------
-        InputError
-            If the film is missing, empty or not a film.
-        """
+        """Open a film and count its frames."""
         path, behind = Path(path), None
         where = str(path)
         if not path.is_dir():
@@ -337,10 +273,7 @@ class Film:
     def frames(
         self, part: tuple[slice, slice] = (slice(None), slice(None)), *, only: Collection[int] | None = None
     ) -> Iterator[Picture | None]:
-        """Iterate over some rows and columns of the frames; one that cannot be read, or is of another size, is None.
-
-        If `only` holds numbers of frames, all others are None as well.
-        """
+        """Iterate over a part of the frames; None for one that is unreadable, of another size, or not in `only`."""
         shape = None
         for frame in self._decoded(only):
             pixels = None if frame is None else np.rot90(frame, -self.quarters)

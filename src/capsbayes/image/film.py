@@ -67,38 +67,17 @@ _DRIFTS = ("L_z", "L_a", "v_o")
 
 @dataclass(frozen=True, eq=False)
 class FilmMeasurement:
-    """Measurements of the capsules of a film.
+    """Measurements of the capsules of a film."""
 
-    Parameters
-    ----------
-    status : Status
-        ``DONE``, or why no capsules could be sought in the film.
-    capsules : tuple of FilmCapsule
-        In the order in which they appear, including the refused ones.
-    statuses : Counter of Status
-        Of all blobs in all frames.
-    frames, unreadable, saturated : int
-        Number of all frames, of those that could not be read, and of those clipped between the walls.
-    """
-
-    status: Status
-    capsules: tuple[FilmCapsule, ...] = ()
-    statuses: Counter[Status] | None = None
+    status: Status  # ``DONE``, or why no capsules could be sought in the film
+    capsules: tuple[FilmCapsule, ...] = ()  # in the order in which they appear, including the refused ones
+    statuses: Counter[Status] | None = None  # of all blobs in all frames
     frames: int = 0
     unreadable: int = 0
-    saturated: int = 0
+    saturated: int = 0  # frames clipped between the walls
 
     def table(self) -> pd.DataFrame:
-        """Tabulate the capsules.
-
-        Returns
-        -------
-        DataFrame
-            One row a capsule: ``capsule`` (from 1), ``status``, ``frames`` in which it was measured and ``alike``, how
-            many of them agree; lengths over l and velocity in m/s with their standard errors, NaN where missing;
-            ``axial_length_bound_over_l``; and for L_z, L_a and v_o the change along the channel over the mean, with its
-            standard error (``L_z_change``, ``L_z_change_error``).
-        """
+        """Tabulate the capsules."""
         import pandas as pd
 
         rows = []
@@ -189,20 +168,15 @@ def measure_film(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Part of the frames that is analysed, as rows and columns; the walls and the empty channel in it.
-
-    The gain is the factor from grey levels, as they are analysed, to light over that of the empty channel.
-
-    The shift is that of `Detection`.
-    """
+    """Part of the frames that is analysed, as rows and columns; the walls and the empty channel in it."""
 
     part: tuple[slice, slice]
     walls: WallLines
     empty: Floats
-    gain: Floats
+    gain: Floats  # from grey levels, as they are analysed, to light over that of the empty channel
     between: Booleans
     contrast: Contrast
-    shift: float
+    shift: float  # as of `Detection`
 
     def light(self, picture: Picture) -> Floats:
         """Return the light of a frame over that of the empty channel under the lamp of the frame."""
@@ -235,10 +209,8 @@ def _measure_frame(
 
 
 def _sample(film: Film, by_hand: ByHand, *, given: bool) -> Iterable[Picture]:
-    """Return some frames; where background and contrast are given, the first ones: a video is decoded up to the last.
-
-    For a background they are spread over the film, and for the contrast, as capsules have to be in them.
-    """
+    """Return some frames; where background and contrast are given, the first: a video is decoded up to the last."""
+    # for a background they are spread over the film, and for the contrast, as capsules have to be in them
     if given and by_hand.contrast is not None:
         return islice((picture for picture in film.frames() if picture is not None), _TELLING)
     return film.spread(_TELLING if given else _SAMPLED)
@@ -288,7 +260,7 @@ def _view(
         light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
         if find_blobs(light, walls, pixel_noise(light)):
             return Status.COVERED
-    near = walls.rows_around((empty.shape[0], empty.shape[1]))
+    near = walls.rows_around(empty.shape)
     walls = walls.moved(0, -near.start)
     shown = empty[near]
     between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
@@ -313,11 +285,9 @@ def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
 
 
 def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, walls: WallLines) -> Floats | None:
-    """Return the empty channel by the frames in which no capsule covers a pixel; None where these are too few.
-
-    Capsules are sought before a quantile that shows the channel also where they cover a place in most of the frames.
-    """
-    near = walls.rows_around((empty.shape[0], empty.shape[1]))
+    """Return the empty channel by the frames in which no capsule covers a pixel; None where these are too few."""
+    # sought before a quantile that shows the channel also where they cover a place in most of the frames
+    near = walls.rows_around(empty.shape)
     walls, frames = walls.moved(0, -near.start), [frame[near] for frame in frames]
     bare = contrast.darkened(temporal_median(frames, share=_bare(contrast)))
     covered = []

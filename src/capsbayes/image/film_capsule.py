@@ -31,14 +31,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-# Linking of the blobs of consecutive frames into tracks.
-#
-# Capsules in a channel move in single file, at almost one velocity, and each keeps its size. Each is sought at the
-# place
-# predicted by its own velocity, or by that of the last capsule until it has one. The first step of a film is the
-# shortest
-# one downstream between blobs of one size; where capsules move by more than half their distance between two frames, it
-# needs the direction of the flow
+# Capsules move in single file at almost one velocity and keep their size: each is sought at the place predicted by its
+# own velocity, or by that of the last capsule. The first step is the shortest one downstream between blobs of one size;
+# where capsules move by more than half their distance between two frames, it needs the direction of the flow
 
 _SIZES = 1.3  # largest ratio of the areas of one blob in two frames
 _ACROSS = 0.25  # l: largest displacement across the channel
@@ -50,25 +45,11 @@ _FAR = 1e9
 
 @dataclass(eq=False)
 class Track:
-    """Places of one blob.
-
-    Parameters
-    ----------
-    frames : list of int
-    places : list of (2,) array [px]
-        Along and across the channel.
-    area : float [px^2]
-        Of the blob in the last of these frames.
-    """
+    """Places of one blob."""
 
     frames: list[int] = field(default_factory=list)
-    places: list[Floats] = field(default_factory=list)
-    area: float = 0.0
-
-    @property
-    def size(self) -> float:
-        """Diameter of a circle of the area [px]."""
-        return 2.0 * float(np.sqrt(self.area / np.pi))
+    places: list[Floats] = field(default_factory=list)  # (2,) [px]: along and across the channel
+    area: float = 0.0  # [px^2]: of the blob in the last of these frames
 
     @property
     def velocity(self) -> float | None:
@@ -79,14 +60,7 @@ class Track:
 
 
 class Linker:
-    """Tracks of all blobs of a film.
-
-    Parameters
-    ----------
-    walls : WallLines
-    flow : int
-        1 to the right, -1 to the left, 0 if not known.
-    """
+    """Tracks of all blobs of a film."""
 
     def __init__(self, walls: WallLines, flow: int = 0) -> None:
         self.walls, self.flow = walls, flow
@@ -99,10 +73,7 @@ class Linker:
         return self.flow or (0 if self._velocity is None else int(np.sign(self._velocity)))
 
     def link(self, frame: int, blobs: list[Blob]) -> list[Track | None]:
-        """Add the blobs of a frame.
-
-        Returns the track that each blob continues or begins, None for a blob cut by the border, whose place is unknown.
-        """
+        """Add the blobs of a frame; return the track of each, None for one that the border cuts."""
         self._open = [track for track in self._open if frame - track.frames[-1] <= _LOST]
         whole = [index for index, blob in enumerate(blobs) if blob.status is not Status.TOUCHES_BORDER]
         places = {index: self._place(blobs[index]) for index in whole}
@@ -137,14 +108,12 @@ class Linker:
         if velocity is None:
             return abs(float(step))
         distance = abs(float(step - velocity * passed))
-        return distance if distance < _ASTRAY * track.size + _UNCERTAIN * abs(velocity) * passed else _FAR
+        size = 2.0 * float(np.sqrt(track.area / np.pi))
+        return distance if distance < _ASTRAY * size + _UNCERTAIN * abs(velocity) * passed else _FAR
 
 
-# The silhouette that the frames of a film show together: the mean of their outlines, with what its errors are.
-#
-# A capsule is shifted from frame to frame, and may be turned a little: each outline is laid onto the others by least
-# squares, as the likelihood of a silhouette leaves place and tilt open too. Noise differs from frame to frame, and the
-# mean has less of it. The misfit of the edge's model, the pixels and the walls do the same in all frames, and stay
+# Outlines of frames are laid onto each other by least squares, as the likelihood leaves place and tilt open too. The
+# mean has less noise; the misfit of the edge's model, the pixels and the walls do the same in all frames, and stay
 
 _PARABOLA = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0  # weights of five points in the middle of their parabola
 # of an arc's error, the same in all frames: noise biases fits, as L_z by 0.13 px where 5 % of it scatter it by 0.19 px
@@ -156,51 +125,28 @@ _UNLIKE_ARC = 6.0  # robust standard deviations of an arc: of 2,000 frames witho
 
 @dataclass(frozen=True, eq=False)
 class FrameOutline:
-    """Outline of a capsule in one frame.
+    """Outline of a capsule in one frame."""
 
-    Parameters
-    ----------
-    points : (n, 2) array [px]
-        Along and across the channel, the latter from its middle; counter-clockwise. In single precision, as there are
-        many frames.
-    errors : EdgeErrors
-    """
-
-    points: Floats
+    points: Floats  # (n, 2) [px]: along and across the channel, the latter from its middle; counter-clockwise
     errors: EdgeErrors
 
     @classmethod
     def of(cls, detection: Detection) -> FrameOutline:
         """Return the outline of a detection that is done."""
-        walls, outline = detection.walls, detection.outline
-        assert walls is not None
-        assert outline is not None
-        middle = np.array([walls.centre_column, walls.centre_row])
-        points = (outline.points - middle) @ np.stack([walls.along, walls.across], axis=1)
+        walls, outline = detection.located()
+        points = (outline.points - walls.middle) @ np.stack([walls.along, walls.across], axis=1)
         points = points if signed_area(points) > 0.0 else points[::-1]
         return cls(points.astype(np.float32), EdgeErrors.of(detection))
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedOutlines:
-    """Outlines of a capsule in several frames on common directions, laid onto each other.
+    """Outlines of a capsule in several frames on common directions, laid onto each other."""
 
-    Parameters
-    ----------
-    radii : (n, m) array [px]
-        Of each frame, in each direction from the middle of the capsule.
-    directions : (m, 2) array
-        Unit vectors.
-    farthest : (m,) array [px]
-        Largest distance of the points in each direction from the middle of the channel.
-    errors : tuple of EdgeErrors
-        Of each frame.
-    """
-
-    radii: Floats
-    directions: Floats
-    farthest: Floats
-    errors: tuple[EdgeErrors, ...]
+    radii: Floats  # (n, m) [px]: of each frame, in each direction from the middle of the capsule
+    directions: Floats  # (m, 2): unit vectors
+    farthest: Floats  # (m,) [px]: largest distance of the points in each direction from the middle of the channel
+    errors: tuple[EdgeErrors, ...]  # of each frame
 
     @classmethod
     def of(cls, outlines: Sequence[FrameOutline]) -> AlignedOutlines:
@@ -235,10 +181,8 @@ class AlignedOutlines:
         return np.asarray(np.all(away < _UNLIKE_ARC * spread, axis=1))
 
     def sharpest(self) -> AlignedOutlines:
-        """Return the frames whose mean has the smallest error.
-
-        Those are all frames unless some are less sharp: the mean would keep their larger misfit.
-        """
+        """Return the frames whose mean has the smallest error."""
+        # all frames unless some are less sharp: the mean would keep their larger misfit
         lasting, passing = np.array(
             [(each.misfit**2 + each.offset**2, each.scatter**2 + each.arc**2) for each in self.errors]
         ).T
@@ -248,18 +192,13 @@ class AlignedOutlines:
         return self.taken(order[: np.argmin(variance) + 1])
 
     def silhouette(self, walls: WallLines, flow: int, change: float = 0.0) -> MeasuredOutline | None:
-        """Return the mean as a measured silhouette; None if too few points are clear of the walls.
-
-        The flow is 1 to the right, -1 to the left; the change [px] is that of the ends along the channel.
-
-        The errors that differ from frame to frame are those seen between the frames, or those stated for each if they
-        are larger, over the root of their number; the scatter is no smaller than that which is left in the mean, as of
-        pixels that a flank crosses at the same places in all frames. What all frames share stays: misfit, offset, walls
-        and a part of the errors of arcs.
-        """
+        """Return the mean as a measured silhouette; None if too few points are clear of the walls."""
+        # Errors that differ from frame to frame are those seen between the frames, or those stated if larger, over the
+        # root of their number. What all frames share stays: misfit, offset, walls and a part of the errors of arcs.
         mean = self.radii.mean(axis=0)[:, None] * self.directions
         clear = walls.is_clear(walls.half_width - _thinned(self.farthest))
-        return over_l(_thinned(mean)[clear] * [flow, 1.0], self._errors(mean, change), walls)
+        points, errors = _thinned(mean)[clear] * [flow, 1.0], self._errors(mean, change)
+        return over_l(points, errors, walls.half_width, walls.half_width_error)
 
     def _errors(self, mean: Floats, change: float) -> EdgeErrors:
         """Return the errors of the mean of the outlines, which change along the channel by so much at their ends."""
@@ -299,11 +238,8 @@ class AlignedOutlines:
 
 
 def _thinned(values: Floats) -> Floats:
-    """Return every third of the values (m, ...) around an outline, each that of a parabola through five of them.
-
-    A mean of three points lies inside a tight corner, by a tenth of a pixel at a radius of 5 px: little next to the
-    noise of one frame, but the same in all.
-    """
+    """Return every third of the values (m, ...) around an outline, each that of a parabola through five of them."""
+    # a mean of three points lies inside a tight corner: little next to the noise of one frame, but alike in all
     smooth = sum(weight * np.roll(values, shift, axis=0) for weight, shift in zip(_PARABOLA, range(-2, 3), strict=True))
     return np.asarray(smooth)[1::AVERAGED][: len(values) // AVERAGED]
 
@@ -329,7 +265,7 @@ def _moved(points: Floats, step: Floats) -> Floats:
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]) + step[:2])
 
 
-# One capsule of a film: its measurement in each frame, its velocity, and the measurement that follows from all
+# The capsule in each frame, and in all
 
 _LENGTHS = "L_z", "L_a"
 _FEWEST = 3  # frames that give a velocity and its error
@@ -339,51 +275,26 @@ _SAMPLING = 0.005  # px: no centroid is located better than that in a picture sa
 
 @dataclass(frozen=True, eq=False)
 class FrameMeasurement:
-    """Place and lengths of a capsule in one frame.
+    """Place and lengths of a capsule in one frame."""
 
-    Parameters
-    ----------
-    frame : int
-        From 0.
-    place : (2,) array [px]
-        Of the centroid, along and across the channel.
-    place_variance : float [px^2]
-        Of its error along.
-    lengths : (4,) array [px]
-        L_z, L_a, L_p and l; NaN where missing.
-    covariance, systematic : (4, 4) array [px^2]
-        Of their errors, and the part of it that is the same in all frames.
-    outline : FrameOutline
-    """
-
-    frame: int
-    place: Floats
-    place_variance: float
-    lengths: Floats
-    covariance: Floats
-    systematic: Floats
+    frame: int  # from 0
+    place: Floats  # (2,) [px]: of the centroid, along and across the channel
+    place_variance: float  # [px^2]: of its error along
+    lengths: Floats  # (4,) [px]: L_z, L_a, L_p and l; NaN where missing
+    covariance: Floats  # (4, 4) [px^2]: of their errors
+    systematic: Floats  # (4, 4) [px^2]: the part of it that is the same in all frames
     outline: FrameOutline = field(repr=False)
 
 
 @dataclass(eq=False)
 class FrameRecord:
-    """Detections of one capsule in the frames of a film.
+    """Detections of one capsule in the frames of a film."""
 
-    Parameters
-    ----------
-    statuses : Counter of Status
-        Of the frames that show it.
-    measured : list of FrameMeasurement
-        Of those in which it was measured.
-    picture, detection, frame
-        The one of these that shows it nearest to the middle of the picture, or the first that shows it.
-    """
-
-    statuses: Counter[Status] = field(default_factory=Counter)
-    measured: list[FrameMeasurement] = field(default_factory=list)
+    statuses: Counter[Status] = field(default_factory=Counter)  # of the frames that show it
+    measured: list[FrameMeasurement] = field(default_factory=list)  # of those in which it was measured
     picture: Picture | None = field(default=None, repr=False)
     detection: Detection | None = field(default=None, repr=False)
-    frame: int = 0
+    frame: int = 0  # the one that shows it nearest to the middle of the picture, or the first
     _nearest: float = field(default=math.inf, repr=False)
 
     def add(self, frame: int, picture: Picture, detection: Detection) -> None:
@@ -393,9 +304,7 @@ class FrameRecord:
             if self.picture is None:
                 self.picture, self.detection, self.frame = picture.packed(), detection, frame
             return
-        walls, outline = detection.walls, detection.outline
-        assert walls is not None
-        assert outline is not None
+        walls, outline = detection.located()
         middle = centroid(outline.points)
         place = np.array([middle @ walls.along, middle @ walls.across])
         variance = centroid_variance(outline, walls.along) + _SAMPLING**2
@@ -419,31 +328,15 @@ class FrameRecord:
 
 @dataclass(frozen=True, eq=False)
 class FilmCapsule:
-    """A capsule followed through a film.
+    """A capsule followed through a film."""
 
-    Parameters
-    ----------
-    status : Status
-        ``DONE``, or why it was refused.
-    record : FrameRecord
-    velocity : Velocity, optional
-    drifts : dict of str to Drift
-        Of ``"L_z"``, ``"L_a"`` and ``"v_o"`` along the channel.
-    repeat_error : (4,) array [px]
-        Scatter of L_z, L_a, L_p and l from frame to frame.
-    measurement : Measurement
-        The means of lengths and outline over the frames that agree; refused unless the status is ``DONE``.
-    alike : (n,) array of bool
-        Which of the frames in which it was measured agree with the others.
-    """
-
-    status: Status
+    status: Status  # ``DONE``, or why it was refused
     record: FrameRecord = field(repr=False)
     velocity: Velocity | None
-    drifts: dict[str, Drift]
-    repeat_error: Floats
+    drifts: dict[str, Drift]  # of ``"L_z"``, ``"L_a"`` and ``"v_o"`` along the channel
+    repeat_error: Floats  # (4,) [px]: scatter of L_z, L_a, L_p and l from frame to frame
     measurement: Measurement
-    alike: Booleans
+    alike: Booleans  # (n,): which of the frames in which it was measured agree with the others
 
     @classmethod
     def of(
@@ -455,10 +348,7 @@ class FilmCapsule:
         film: Path,
         sha256: str,
     ) -> FilmCapsule:
-        """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s.
-
-        The size of a pixel [m] is that stated by hand; by default it follows from the walls and the half width.
-        """
+        """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s."""
         frames = record.measured
         speed, drifts, outlines = None, dict[str, Drift](), None
         lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
@@ -485,8 +375,7 @@ class FilmCapsule:
             capsule_velocity,
             experiment,
             status=status,
-            walls="" if walls is None else walls.stated,
-            doubt="" if walls is None else walls.doubt,
+            walls=walls or "",
             source=str(film),
             sha256=sha256,
         )
@@ -497,14 +386,7 @@ class FilmCapsule:
         return cls(status, record, speed, drifts, repeat, measured, alike)
 
     def table(self) -> pd.DataFrame:
-        """Tabulate the frames in which the capsule was measured.
-
-        Returns
-        -------
-        DataFrame
-            One row a frame: ``frame``; in pixels ``along_px``, ``across_px``, ``axial_extent_px``, ``axial_length_px``
-            and ``half_width_px``; and ``alike``, whether its outline agrees with those of the other frames.
-        """
+        """Tabulate the frames in which the capsule was measured."""
         import pandas as pd
 
         columns = ("frame", "along_px", "across_px", "axial_extent_px", "axial_length_px", "half_width_px", "alike")
@@ -544,12 +426,10 @@ def _places(frames: list[FrameMeasurement]) -> tuple[Floats, Floats, Floats]:
 
 
 def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:
-    """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px].
-
-    The error of the mean is that of the scatter, or of the noise if this is larger, and the part that all frames share:
-    misfit of the edge's model, walls, and the changes along the channel if one is significant but negligible. If the
-    rear is seen in half of the frames, all lengths are taken from these.
-    """
+    """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px]."""
+    # The error is that of the scatter, or of the noise if this is larger, and the part that all frames share: misfit of
+    # the edge's model, walls, and changes along the channel that are significant but negligible. If the rear is seen in
+    # half of the frames, all lengths are taken from these.
     with_rear = [measured for measured in frames if np.isfinite(measured.lengths[1])]
     used = with_rear if 2 * len(with_rear) >= len(frames) and len(with_rear) >= _FEWEST else frames
     lengths = np.array([measured.lengths for measured in used])

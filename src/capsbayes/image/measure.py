@@ -38,15 +38,9 @@ from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Me
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
-# The outline of a capsule in a picture as a measured silhouette over l, with a model of its errors.
-#
-# Three consecutive points are averaged: their errors are almost independent, and a likelihood needs no more points. The
-# noise has three parts: scatter from point to point, errors alike along the edge, and an offset of the whole. They
-# follow
-# from the errors with which the edge was located; their factors were set on drawn pictures, other ones than those whose
-# coverage is counted. Where the edge of the rear is a band, much wider than that of the nose, the membrane lies
-# somewhere
-# within: that of the rear has an error of its own
+# The silhouette over l: means of three points, whose errors are almost independent. Their scatter, errors alike along
+# the edge and an offset follow from the errors with which the edge was located, by factors set on drawn pictures other
+# than those whose coverage is counted. A rear that is a band much wider than the nose has an error of its own
 
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
@@ -58,34 +52,18 @@ _OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
 
 @dataclass(frozen=True)
 class EdgeErrors:
-    """Standard deviations of the errors of a silhouette's points along their normals [px].
+    """Standard deviations of the errors of a silhouette's points along their normals [px]."""
 
-    Parameters
-    ----------
-    scatter : float
-        Of means of three points, independent of each other and in each picture.
-    arc : float
-        Alike along an arc, and independent in each picture.
-    misfit : float
-        Alike along an arc, and the same in all pictures of a capsule: that of the edge's model.
-    offset : float
-        Alike all around, and the same in all pictures of a capsule.
-    rear : float
-        Of the rear, along the flow, and the same in all pictures of a capsule.
-    """
-
-    scatter: float
-    arc: float
-    misfit: float
-    offset: float
-    rear: float = 0.0
+    scatter: float  # of means of three points, independent of each other and in each picture
+    arc: float  # alike along an arc, and independent in each picture
+    misfit: float  # alike along an arc, and the same in all pictures of a capsule: that of the edge's model
+    offset: float  # alike all around, and the same in all pictures of a capsule
+    rear: float = 0.0  # of the rear, along the flow, and the same in all pictures of a capsule
 
     @classmethod
     def of(cls, detection: Detection) -> EdgeErrors:
         """Return the errors that follow from those with which the outline of a detection was located."""
-        outline, walls = detection.outline, detection.walls
-        assert outline is not None
-        assert walls is not None
+        walls, outline = detection.located()
         kept = ~outline.erased
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
@@ -98,91 +76,68 @@ class EdgeErrors:
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
-    """Return the silhouette of a detection, as `identify` compares it with those of a model.
-
-    Points next to a wall, which lie up to 0.4 of the edge's width too far out, and erased ones are omitted. Returns
-    None where nothing was measured, too few points are left, or the shape does not distinguish front from rear.
-    """
-    if not detection.status.ok or detection.outline is None or detection.walls is None or detection.flow == 0:
+    """Return the silhouette of a detection, as `identify` compares it with a model's; None where there is none."""
+    # points next to a wall lie up to 0.4 of the edge's width too far out
+    if not detection.status.ok or detection.flow == 0:
         return None
-    walls = detection.walls
-    points = thinned(detection.outline.points)
-    clear = walls.is_clear(walls.clearance(points)) & without_erased(detection.outline)
+    walls, outline = detection.located()
+    points = thinned(outline.points)
+    clear = walls.is_clear(walls.clearance(points)) & without_erased(outline)
     points = points[clear] - detection.axis
-    return over_l(
-        np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1),
-        EdgeErrors.of(detection),
-        walls,
-    )
+    points = np.stack([detection.flow * (points @ walls.along), points @ walls.across], axis=1)
+    return over_l(points, EdgeErrors.of(detection), walls.half_width, walls.half_width_error)
 
 
-def over_l(points: Floats, errors: EdgeErrors, walls: WallLines) -> MeasuredOutline | None:
-    """Return the silhouette with points (m, 2) along and across the flow [px]; None if they are too few."""
+def over_l(
+    points: Floats, errors: EdgeErrors, half_width: float, half_width_error: float, alike: float = ARC
+) -> MeasuredOutline | None:
+    """Return the silhouette over l with points (m, 2) along and across the flow [px]; None if they are too few."""
     if len(points) < FEWEST_POINTS:
         return None
-    half_width, smooth = walls.half_width, np.hypot(errors.arc, errors.misfit)
+    smooth = np.hypot(errors.arc, errors.misfit)  # alike over a length of the edge
     points = points / half_width
     radius = float(np.mean(np.hypot(*(points - points.mean(axis=0)).T)))
     noise = OutlineNoise(
         float(np.hypot(errors.scatter, smooth)) / half_width,
-        ARC / half_width,
+        alike / half_width,
         float(errors.scatter**2 / (errors.scatter**2 + smooth**2)),
     )
     # an error of l changes all radii in proportion, much as an offset does
-    offset = np.hypot(errors.offset, radius * walls.half_width_error)
+    offset = np.hypot(errors.offset, radius * half_width_error)
     pose = Pose(offset=float(offset) / half_width, rear=errors.rear / half_width)
     return MeasuredOutline(points, noise, pose, SILHOUETTE)
 
 
-# Lengths and silhouette of a detected capsule without the faults of the camera's geometry that are known.
-#
-# The middle of the picture is taken to be that of the lens, on the axis of the channel
+# Known faults of the camera are taken out about the middle of the picture, taken to be that of the lens on the axis
 
 
 def straightened_lengths(detection: Detection, columns: int, camera: Camera) -> tuple[Floats, Floats]:
-    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers.
-
-    Parameters
-    ----------
-    detection : Detection
-        Whose status is ``DONE``, in a picture of so many columns.
-    columns : int
-    camera : Camera
-
-    Returns
-    -------
-    (4,) array [px], (4, 4) array [px^2]
-        Of L_z, L_a, L_p and l; what was not seen is NaN.
-    """
-    assert detection.outline is not None, "detected"
-    lengths, sense = detection.lengths, detection.flow or 1
-    half_width = lengths[3]
-    edge = _from_middle(detection.outline.points, detection, columns)
+    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers."""
+    walls, outline = detection.located()
+    lengths, sense, half_width = detection.lengths, detection.flow or 1, walls.half_width
+    edge = _from_middle(outline.points, walls, columns)
     front, back = (edge[np.argmax(side * sense * edge[:, 0])] for side in (1, -1))
     hollow = np.array([front[0] - sense * lengths[1] / half_width, 0.0])
-    points, walls = np.array([front, back, hollow]), _walls_at(half_width, columns)
-    factors = np.append(
-        _lengths_between(camera.straightened(points, walls=walls)) / _lengths_between(points), [1.0, 1.0]
-    )
+    points, away = np.array([front, back, hollow]), _walls_at(half_width, columns)
+    true, seen = (np.abs(each[0, 0] - each[1:, 0]) for each in (camera.straightened(points, walls=away), points))
+    factors = np.append(true / seen, [1.0, 1.0])
     # L_p is no length of its own, and is seldom read: that of the others
-    found = lengths * factors
-    found[2] = found[0] - found[1]
-    errors = camera.errors_of(points, walls=walls)
+    lengths = lengths * factors
+    lengths[2] = lengths[0] - lengths[1]
+    errors = camera.errors_of(points, walls=away)
     off = half_width * (errors[:, :1, 0] - errors[:, 1:, 0])
     covariance = detection.covariance * np.outer(factors, factors)
     covariance[:2, :2] += off.T @ off
-    return found, covariance
+    return lengths, covariance
 
 
 def straightened_silhouette(
     outline: MeasuredOutline, detection: Detection, columns: int, camera: Camera
 ) -> MeasuredOutline:
     """Return the silhouette of a detection in a picture of so many columns, with the camera's errors in its pose."""
-    assert detection.walls is not None, "detected"
-    half_width = detection.walls.half_width
-    flow = [detection.flow, 1]
-    middle = _from_middle(detection.axis[None], detection, columns)[0] * flow
-    walls, places = _walls_at(half_width, columns), outline.points + middle
+    lines, flow = detection.located()[0], [detection.flow, 1]
+    middle = _from_middle(detection.axis[None], lines, columns)[0] * flow
+    walls, places = _walls_at(lines.half_width, columns), outline.points + middle
     true = camera.straightened(places * flow, walls=walls) * flow
     pose = replace(
         outline.pose,
@@ -193,24 +148,15 @@ def straightened_silhouette(
     return replace(outline, points=true - middle, pose=pose)
 
 
-def _from_middle(points: Floats, detection: Detection, columns: int) -> Floats:
+def _from_middle(points: Floats, walls: WallLines, columns: int) -> Floats:
     """Return points (m, 2) [px] along and across the channel from the middle of the picture on its axis, over l."""
-    walls = detection.walls
-    assert walls is not None, "detected"
-    to_middle = (0.5 * (columns - 1) - walls.centre_column) / walls.along[0]
-    middle = np.array([walls.centre_column, walls.centre_row]) + to_middle * walls.along
-    away = (points - middle) / walls.half_width
+    away = (points - walls.centred_at(0.5 * (columns - 1)).middle) / walls.half_width
     return np.stack([away @ walls.along, away @ walls.across], axis=1)
 
 
 def _walls_at(half_width: float, columns: int) -> float:
     """Return the mean square distance over l^2 of the walls from the middle of a picture [px]."""
     return 1.0 + (0.5 * columns / half_width) ** 2 / 3.0
-
-
-def _lengths_between(points: Floats) -> Floats:
-    """Return the lengths (2,) between the first of three points and the others, along the channel."""
-    return np.abs(points[0, 0] - points[1:, 0])
 
 
 # The capsule in one picture: its lengths, their errors, and the edges that they were read from
@@ -228,31 +174,7 @@ def detect(
     by_hand: ByHand | None = None,
     half_width: Given | None = None,
 ) -> Detection:
-    """Find the walls, the capsule and its concave rear in a picture.
-
-    Parameters
-    ----------
-    picture : Picture
-        A capsule in a channel along the rows, to 7 degrees.
-    background : Picture, optional
-        The empty channel; by default it is estimated from the picture, line by line along the channel.
-    flow : str, optional
-        ``"right"`` or ``"left"``; by default it follows from the shape.
-    by_hand : ByHand, optional
-        What is stated of walls, scale and the part to analyse; by default they are found in the picture.
-    half_width : Quantity, optional [m]
-        Of the channel, in any form that `Quantity.of` reads; needed with a pixel size.
-
-    Returns
-    -------
-    Detection
-        Where nothing could be measured, its status gives the reason.
-
-    Raises
-    ------
-    InputError
-        If `flow` is another word, or what is stated by hand does not suit the picture.
-    """
+    """Find the walls, the capsule and its concave rear in a picture."""
     direction = check_flow(flow)
     picture, background, by_hand = turned(picture, background, by_hand)
     if background is not None and background.shape != picture.shape:
@@ -402,8 +324,7 @@ def measurement_of(
         capsule_velocity,
         replace(experiment, camera=None),
         status=status,
-        walls=detection.walls.stated if detection.walls else "",
-        doubt=detection.walls.doubt if detection.walls else "",
+        walls=detection.walls or "",
         source=picture.source,
         sha256=picture.sha256,
     )
@@ -417,31 +338,11 @@ def measurement_of_lengths(
     experiment: Experiment,
     *,
     status: Status = Status.DONE,
-    walls: str = "",
-    doubt: str = "",
+    walls: WallLines | str = "",
     source: str = "",
     sha256: str = "",
 ) -> Measurement:
-    """Return the measurement that follows from lengths in pixels.
-
-    Parameters
-    ----------
-    lengths : (4,) array [px]
-        L_z, L_a, L_p and l; L_a and L_p are NaN where the rear is not seen.
-    covariance : (4, 4) array [px^2]
-        Covariance of their errors.
-    capsule_velocity : Quantity, optional [m/s]
-    experiment : Experiment
-    status : Status
-        Unless it is ``DONE``, the measurement is refused.
-    walls, doubt, source, sha256
-        As in `Measurement`.
-
-    Raises
-    ------
-    InputError
-        If the experiment states the geometry of the camera, which is for its pictures and not for lengths.
-    """
+    """Return the measurement that follows from lengths in pixels."""
     if experiment.camera is not None:
         expected = "none for a film: single pictures, events and contours alone are corrected"
         raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
@@ -459,8 +360,8 @@ def measurement_of_lengths(
         axial_extent_error=float(errors[0]),
         capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
         capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
-        walls=walls,
-        doubt=doubt,
+        walls=walls if isinstance(walls, str) else walls.stated,
+        doubt="" if isinstance(walls, str) else walls.doubt,
         source=source,
         sha256=sha256,
         experiment_file=file,
@@ -485,9 +386,6 @@ def check_flow(flow: str | None) -> int:
     if flow is not None and flow not in FLOWS:
         raise InputError("flow", "", " or ".join(f'"{name}"' for name in FLOWS), repr(flow))
     return 0 if flow is None else FLOWS[flow]
-
-
-# Files of a measured picture: what was detected, drawn and in numbers, and the measurement
 
 
 def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:

@@ -25,15 +25,9 @@ def smeared(exposure: Quantity | None, velocity: float, pixel_size: float) -> bo
 
 @dataclass(frozen=True)
 class Drift:
-    """Change of a quantity from the first to the last frame, by a straight line through its values.
+    """Change of a quantity from the first to the last frame, by a straight line through its values."""
 
-    Parameters
-    ----------
-    change, error : float
-        Over the quantity's mean.
-    """
-
-    change: float
+    change: float  # over the quantity's mean
     error: float
 
     @property
@@ -54,31 +48,17 @@ class Drift:
 
 @dataclass(frozen=True)
 class Velocity:
-    """Velocity of a centroid.
+    """Velocity of a centroid."""
 
-    Parameters
-    ----------
-    value, error : float [px per frame]
-        Positive to the right, and its standard error.
-    scatter : float [px]
-        Root mean square of the places about the straight line.
-    drift : Drift, optional
-        Change of the velocity; missing for three frames.
-    """
-
-    value: float
+    value: float  # [px per frame]: positive to the right
     error: float
-    scatter: float
-    drift: Drift | None
+    scatter: float  # [px]: root mean square of the places about the straight line
+    drift: Drift | None  # change of the velocity; missing for three frames
 
 
 def times_of(frames: Floats, places: Floats, variance: Floats) -> Floats:
-    """Return the times of frames, some of which a camera dropped or repeated unseen : (n,) array, in frames.
-
-    A capsule moves by almost the same step from frame to frame: where it moves by two of them, a frame is missing. The
-    frames keep their numbers where a step is not distinct from its errors, or where steps are no whole multiples.
-    Arguments are those of `velocity`.
-    """
+    """Return the times of frames, some of which a camera dropped or repeated unseen : (n,) array, in frames."""
+    # steps from frame to frame are almost alike: where one is twice as long, a frame is missing
     apart = np.diff(frames)
     steps = np.diff(places)
     step = float(np.median(steps / apart))
@@ -91,11 +71,8 @@ def times_of(frames: Floats, places: Floats, variance: Floats) -> Floats:
 
 
 def repeated(frames: Floats, places: Floats, variance: Floats) -> bool:
-    """Return whether a capsule stands still in many steps and moves by a distinct one in the others.
-
-    Arguments are those of `velocity`. A few repeated frames are found by `times_of`; if every other one is, its step
-    may be that of two frames or of one.
-    """
+    """Return whether a capsule stands still in many steps and moves by a distinct one in the others."""
+    # a few repeated frames are found by `times_of`; if every other one is, its step may be that of two frames or of one
     steps = np.abs(np.diff(places) / np.diff(frames))
     step = float(np.quantile(steps, _MOVING))
     distinct = step > _DISTINCT * np.sqrt(2.0 * float(variance.max()))
@@ -105,12 +82,9 @@ def repeated(frames: Floats, places: Floats, variance: Floats) -> bool:
 
 
 def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
-    """Fit a straight line to places, and a parabola for the change of its slope.
-
-    The error is that of the scatter about the line, or of the errors of the places if these are larger: in a few
-    frames the scatter may be small by chance. Times in frames (n,), at least three; places (n,) [px] along the channel,
-    and the variance (n,) [px^2] of the error of each.
-    """
+    """Fit a straight line to places, and a parabola for the change of its slope."""
+    # the error is that of the scatter about the line, or of the places if larger: in a few frames the scatter may be
+    # small by chance
     t = frames - frames.mean()
     slope, error, scatter = _last_coefficient(t, places, 1, variance)
     if len(t) < 4:
@@ -121,11 +95,7 @@ def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:
 
 
 def drift(along: Floats, values: Floats, variance: Floats) -> Drift:
-    """Return the change of a quantity along the channel.
-
-    The places `along` (n,), at least three, run from upstream to downstream or back; each value has an independent
-    error of a given variance.
-    """
+    """Return the change of a quantity along the channel."""
     slope, error, _ = _last_coefficient(along - along.mean(), values, 1, variance)
     scale = float(along[-1] - along[0]) / float(values.mean())
     return Drift(slope * scale, error * abs(scale))

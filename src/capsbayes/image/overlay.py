@@ -29,15 +29,9 @@ WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255),
 
 
 def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
-    """Draw a detection over its picture, s times as large : (s rows, s columns, 3) array, in OpenCV's order.
-
-    s is 4, or less for a picture that would become larger than eight million pixels.
-
-    Walls are blue, the outline red, the rear band orange, L_z violet above the axis, L_a green below. Walls that were
-    stated by hand are dashed, and the axis between them is dotted; a dark line that such a wall lies off is dashed
-    orange. Erased stretches of the outline are dotted. The dark blob of a refused capsule is outlined in orange. What
-    is missing in the detection is not drawn.
-    """
+    """Draw a detection over its picture, s times as large : (s rows, s columns, 3) array, in OpenCV's order."""
+    # Stated walls are dashed and their axis dotted; a dark line that such a wall lies off is dashed orange. Erased
+    # stretches of the outline are dotted, the dark blob of a refused capsule is outlined in orange.
     grey = _stretched(picture)
     scale = int(np.clip(math.isqrt(_MOST_DRAWN // grey.size), 1, _LARGEST_SCALE))
     large = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
@@ -95,7 +89,6 @@ class _Canvas:
 
 def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     walls = walls.centred_at(0.5 * (columns - 1))
-    middle = np.array([walls.centre_column, walls.centre_row])
     reach = 0.6 * columns
     dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
     wall = walls.half_width
@@ -104,7 +97,7 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
         if off:
             lines.append((side * (wall - off), *_DASHES, REAR))
     for place, drawn, skipped, colour in lines:
-        start = middle + place * walls.across
+        start = walls.middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
             canvas.line([start + end * walls.along for end in (first, first + drawn)], colour)
 

@@ -39,45 +39,19 @@ _LARGEST_CHUNK = 2**28  # bytes that are in memory together
 
 @dataclass(frozen=True)
 class RtdcFile:
-    """Contents of an .rtdc file.
-
-    Parameters
-    ----------
-    path : Path
-    events : int
-        Number of events.
-    pixel_size, channel_width : float [m]
-        Size of a pixel, and full width of the square channel.
-    sha256 : str
-        Hash of the file.
-    flash_duration : float, optional [s]
-        Time for which light falls on one picture.
-    flow_rate : float, optional [m^3/s]
-        In the channel, of sample and sheath together.
-
-    References
-    ----------
-    The format is described at https://dclab.readthedocs.io/en/stable/sec_av_datasets.html.
-    """
+    """Contents of an .rtdc file."""
 
     path: Path
     events: int
-    pixel_size: float
-    channel_width: float
-    sha256: str
-    flash_duration: float | None = None
-    flow_rate: float | None = None
+    pixel_size: float  # [m]
+    channel_width: float  # [m]: full width of the square channel
+    sha256: str  # hash of the file
+    flash_duration: float | None = None  # [s]: time for which light falls on one picture
+    flow_rate: float | None = None  # [m^3/s]: in the channel, of sample and sheath together
 
     @classmethod
     def open(cls, path: str | Path) -> RtdcFile:
-        """Open a file and read all but its pictures.
-
-        Raises
-        ------
-        InputError
-            If the file is missing or not HDF5, if it lacks pictures, masks, pixel size or channel width, or if the
-            extra ``rtdc`` is not installed.
-        """
+        """Open a file and read all but its pictures."""
         where, path = str(path), Path(path)
         with _opened(path) as file:
             for name in ("events/image", "events/mask"):
@@ -159,9 +133,8 @@ def _positive(value: object, where: str, key: str, unit: str = "micrometres") ->
     return float(value)
 
 
-# From the events of an .rtdc file to measurements: the mask selects the object, whose edge is located in the picture.
-#
-# Contours through the pixel centres of a mask lie half a pixel inside the edge; they are only initial outlines
+# The mask selects the object, whose edge is located in the picture: contours through the pixel centres of a mask lie
+# half a pixel inside the edge, and are only initial outlines
 
 _SAMPLED = 101  # events in the median that is the background
 _WIDTHS = 0.1  # largest relative difference of the channel's width between file and experiment
@@ -172,25 +145,13 @@ _LINES = 2.0  # px: standard deviation of a wall's bundle of lines
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """Measurement of one event.
+    """Measurement of one event."""
 
-    Parameters
-    ----------
-    number : int
-        From 0, as in the file.
-    picture : Picture
-    detection : Detection
-        In pixels; the distance of its walls is that of the file.
-    measurement : Measurement
-        Lengths over l and the silhouette, or why there are none.
-    pixel_size : Quantity [m]
-    """
-
-    number: int
+    number: int  # from 0, as in the file
     picture: Picture
-    detection: Detection
-    measurement: Measurement
-    pixel_size: Quantity
+    detection: Detection  # in pixels; the distance of its walls is that of the file
+    measurement: Measurement  # lengths over l and the silhouette, or why there are none
+    pixel_size: Quantity  # [m]
 
     def row(self) -> dict[str, object]:
         """Return the event as a row of a table: lengths with their errors and integrals in SI, None where missing."""
@@ -218,35 +179,7 @@ def measure_rtdc(
     axis: Any = None,
     events: Iterable[int] | None = None,
 ) -> Iterator[Event]:
-    """Measure event after event.
-
-    Parameters
-    ----------
-    file : RtdcFile or path
-    experiment : Experiment
-        Its channel must be that of the file; the viscosity of the liquid is not in the file.
-    pixel_size : Quantity [m]
-        With its standard error, which the file does not hold; its value must be about that of the file. This and the
-        next two as `Quantity.of` reads them.
-    flow_rate : Quantity, optional [m^3/s]
-        In the channel, of sample and sheath together, with its standard error, which the file does not hold.
-    shared_velocity : Quantity, optional [m/s]
-        v_o of all events; its error is the spread of the velocities from capsule to capsule, and counts as an
-        independent error of each. Small capsules are faster than large ones in the same flow.
-    flow : str, optional
-        ``"right"`` or ``"left"``, which the file does not hold; by default it follows from the shape.
-    axis : text or sequence of float, optional [px]
-        Row of the channel's axis, as `capsbayes.image.ByHand` reads it; by default the walls are placed where the
-        median of the events is darkest.
-    events : iterable of int, optional
-        Numbers of the events to measure, from 0; by default all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, its channel or pixels are not those of the experiment, or neither flow rate nor
-        velocity is stated, nor the viscous tension in the experiment.
-    """
+    """Measure event after event."""
     file = file if isinstance(file, RtdcFile) else RtdcFile.open(file)
     speed = rate = None
     if shared_velocity is not None:
@@ -302,7 +235,7 @@ def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity)
 
 def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any) -> WallLines:
     """Return the walls around the axis that is stated, by default where the empty channel is darkest."""
-    shape = (empty.shape[0], empty.shape[1])
+    shape = empty.shape
     walls = ByHand(pixel_size=pixel_size, axis=axis).lines(shape, experiment.half_width)
     assert walls is not None, "a pixel size is stated"
     if axis is not None:
@@ -312,10 +245,8 @@ def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: An
 
 
 def _darkest(empty: Floats, half_width: float) -> tuple[float, float]:
-    """Return the row [px] at which the channel's axis crosses the middle column, and its tilt.
-
-    At this magnification a wall is a bundle of dark lines, none of which is the wall by itself.
-    """
+    """Return the row [px] at which the channel's axis crosses the middle column, and its tilt."""
+    # at this magnification a wall is a bundle of dark lines, none of which is the wall by itself
     rows, columns = empty.shape
     middle = 0.5 * (columns - 1)
     slope, level, most = 0.0, empty.mean(axis=1), -np.inf

@@ -25,86 +25,38 @@ _SPACING = 0.1  # px between the points that stand for an outline
 
 @dataclass(frozen=True)
 class Optics:
-    """Light, capsule, lens and camera of a picture; lengths in pixels, the rest as fractions of the full light.
+    """Light, capsule, lens and camera of a picture; lengths in pixels, the rest as fractions of the full light."""
 
-    Parameters
-    ----------
-    blur : float [px]
-        Standard deviation of the lens's blur.
-    motion : float [px]
-        Displacement of the capsule while the shutter is open, rounded to fine pixels.
-    band_depth, band_width : float
-        Darkness at the outer edge, and the depth inside at which it has fallen to 1/e.
-    interior : float
-        Darkness of the capsule far from its edge.
-    halo, halo_width : float
-        Brightness added just outside the edge, and the distance at which it has fallen to 1/e.
-    rear_depth, rear_width : float
-        Darkness along the concave rear, in its middle, and the distance at which it has fallen to 1/e.
-    wall_depth, wall_width : float
-        Darkness in the middle of a wall, and the distance at which it has fallen to 1/e.
-    outside : float
-        Light beyond the walls.
-    vignetting : float
-        Light lost in the corners of the picture.
-    unevenness : float
-        Light gained from the left border to the right one, and from the upper one to the lower.
-    full_light : float
-        Grey level of the full light.
-    electrons : float
-        Electrons counted at the full light, whose shot noise is the square root.
-    background_frames : int
-        Number of pictures of the empty channel that are averaged to the background.
-    """
-
-    blur: float = 0.7
-    motion: float = 0.0
-    band_depth: float = 0.6
-    band_width: float = 5.0
-    interior: float = 0.25
-    halo: float = 0.0
-    halo_width: float = 2.0
-    rear_depth: float = 0.4
-    rear_width: float = 3.0
-    wall_depth: float = 0.6
-    wall_width: float = 2.5
-    outside: float = 0.93
-    vignetting: float = 0.0
-    unevenness: float = 0.0
-    full_light: float = 200.0
-    electrons: float = 10_000.0
-    background_frames: int = 16
+    blur: float = 0.7  # [px]: standard deviation of the lens's blur
+    motion: float = 0.0  # [px]: displacement of the capsule while the shutter is open, rounded to fine pixels
+    band_depth: float = 0.6  # darkness at the outer edge
+    band_width: float = 5.0  # depth inside at which it has fallen to 1/e
+    interior: float = 0.25  # darkness of the capsule far from its edge
+    halo: float = 0.0  # brightness added just outside the edge
+    halo_width: float = 2.0  # distance at which it has fallen to 1/e
+    rear_depth: float = 0.4  # darkness in the middle of the concave rear
+    rear_width: float = 3.0  # distance at which it has fallen to 1/e
+    wall_depth: float = 0.6  # darkness in the middle of a wall
+    wall_width: float = 2.5  # distance at which it has fallen to 1/e
+    outside: float = 0.93  # light beyond the walls
+    vignetting: float = 0.0  # light lost in the corners of the picture
+    unevenness: float = 0.0  # light gained from the left border to the right one, and from the upper one to the lower
+    full_light: float = 200.0  # grey level of the full light
+    electrons: float = 10_000.0  # electrons counted at the full light, whose shot noise is the square root
+    background_frames: int = 16  # number of pictures of the empty channel that are averaged to the background
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Geometry of a picture.
+    """Geometry of a picture."""
 
-    Parameters
-    ----------
-    profile : (p, 2) array [l]
-        Outline in the plane of the axis, columns (z, y), z along the flow; its rear is drawn where it is concave.
-    silhouette : (q, 2) array [l]
-        Outline seen from the side, columns (z, y).
-    half_width : float [px]
-        Half the width of the channel l.
-    shape : tuple of int
-        Rows and columns of the picture.
-    centre : tuple of float, optional [px]
-        Place (x, y) of the middle of the capsule's length, on the centre line; the picture's middle by default.
-    tilt : float [rad]
-        Angle of the channel to the rows, from x towards y.
-    flow : int
-        1 if the capsule moves to the right, -1 if to the left.
-    """
-
-    profile: ArrayLike
-    silhouette: ArrayLike
-    half_width: float
-    shape: tuple[int, int] = (200, 200)
-    centre: tuple[float, float] | None = None
-    tilt: float = 0.0
-    flow: int = 1
+    profile: ArrayLike  # (p, 2) [l]: outline in the plane of the axis, columns (z, y), z along the flow
+    silhouette: ArrayLike  # (q, 2) [l]: outline seen from the side, columns (z, y)
+    half_width: float  # [px]: half the width of the channel l
+    shape: tuple[int, int] = (200, 200)  # rows and columns of the picture
+    centre: tuple[float, float] | None = None  # [px]: of the capsule's length
+    tilt: float = 0.0  # [rad]: angle of the channel to the rows, from x towards y
+    flow: int = 1  # 1 if the capsule moves to the right, -1 if to the left
 
     @property
     def middle(self) -> Floats:
@@ -128,18 +80,10 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A synthetic picture, that of the empty channel, and the true lengths.
+    """A synthetic picture, that of the empty channel, and the true lengths."""
 
-    Parameters
-    ----------
-    picture, background : (rows, columns) array of uint8
-        With and without the capsule.
-    scene : Scene
-        Its geometry.
-    """
-
-    picture: NDArray[np.uint8]
-    background: NDArray[np.uint8]
+    picture: NDArray[np.uint8]  # (rows, columns)
+    background: NDArray[np.uint8]  # without the capsule
     scene: Scene
 
     @property
@@ -164,29 +108,7 @@ class Drawing:
 
 
 def draw(scene: Scene, optics: Optics, *, seed: int) -> Drawing:
-    """Draw a capsule in its channel, and the channel empty.
-
-    Parameters
-    ----------
-    scene : Scene
-        Geometry.
-    optics : Optics
-        Light, capsule, lens and camera.
-    seed : int
-        Of the shot noise.
-
-    Returns
-    -------
-    Drawing
-
-    Examples
-    --------
-    >>> angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
-    >>> sphere = 0.8 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    >>> drawn = draw(Scene(sphere, sphere, half_width=80.0), Optics(), seed=1)
-    >>> drawn.picture.shape, round(drawn.axial_extent, 6)
-    ((200, 200), 128.0)
-    """
+    """Draw a capsule in its channel, and the channel empty."""
     random = np.random.default_rng(seed)
     grid = _fine_grid(scene.shape)
     channel = _channel(grid, scene, optics)

@@ -29,35 +29,16 @@ _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may 
 
 @dataclass(frozen=True)
 class WallLines:
-    """Walls of the channel in a picture.
+    """Walls of the channel in a picture."""
 
-    Parameters
-    ----------
-    centre_row : float [px]
-        Row at which the centre line crosses the middle column.
-    centre_column : float [px]
-        That column.
-    tilt : float [rad]
-        Angle of the centre line to the rows, from x towards y.
-    half_width, half_width_error : float [px]
-        l and its standard error.
-    line_width : float [px]
-        Standard deviation of the dark lines across.
-    stated : str
-        How the walls were stated by hand; empty if they were found in the picture.
-    off_band : tuple of float [px]
-        How far the upper and the lower wall lie outside the nearest dark line, where they were stated and are clearly
-        off it; 0 otherwise, and negative where it lies further out.
-    """
-
-    centre_row: float
-    centre_column: float
-    tilt: float
-    half_width: float
+    centre_row: float  # [px]: row at which the centre line crosses the middle column
+    centre_column: float  # [px]: that column
+    tilt: float  # [rad]: angle of the centre line to the rows, from x towards y
+    half_width: float  # [px]: l
     half_width_error: float
-    line_width: float
-    stated: str = ""
-    off_band: tuple[float, float] = (0.0, 0.0)
+    line_width: float  # [px]: standard deviation of the dark lines across
+    stated: str = ""  # how the walls were stated by hand; empty if they were found in the picture
+    off_band: tuple[float, float] = (0.0, 0.0)  # [px]: of stated walls, outside the nearest dark line if clearly off it
 
     @property
     def doubt(self) -> str:
@@ -88,17 +69,14 @@ class WallLines:
         """Unit vector (x, y) downwards across the centre line."""
         return np.array([-np.sin(self.tilt), np.cos(self.tilt)])
 
-    def rows_around(self, shape: tuple[int, int]) -> slice:
-        """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on.
-
-        Some rows are returned too where the walls lie outside the picture.
-        """
+    def rows_around(self, shape: tuple[int, ...]) -> slice:
+        """Return the rows of a picture that show the walls and what lies between, from a multiple of 16 on."""
         aside = max(self.centre_column, shape[1] - self.centre_column)
         reach = self.half_width + _MARGIN + abs(np.tan(self.tilt)) * aside
         first = max(0, min(int(self.centre_row - reach), shape[0] - _WHOLE)) // _WHOLE * _WHOLE
         return slice(first, min(shape[0], max(int(self.centre_row + reach) + 2, first + _WHOLE)))
 
-    def offset(self, shape: tuple[int, int]) -> Floats:
+    def offset(self, shape: tuple[int, ...]) -> Floats:
         """Return the distance of each pixel of a picture from the centre line, positive below : array of `shape`."""
         rows, columns = (np.arange(count, dtype=float) for count in shape)
         below, right = rows[:, None] - self.centre_row, columns - self.centre_column
@@ -124,10 +102,7 @@ class WallLines:
 
 
 def find_walls(grey: Floats) -> WallLines | None:
-    """Find the walls in a picture (rows, columns), preferably of the empty channel.
-
-    Returns None where no two parallel dark lines cross the picture, or a third one lies between them.
-    """
+    """Find the walls in a picture, preferably of the empty channel; None unless two parallel dark lines cross it."""
     columns = grey.shape[1] // _STRIPS
     strips = grey[:, : columns * _STRIPS].reshape(len(grey), _STRIPS, columns).mean(axis=2).T
     middle = 0.5 * (grey.shape[1] - 1)
