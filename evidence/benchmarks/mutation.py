@@ -57,29 +57,14 @@ _WHOLE_PICTURES = (  # slow if they are interpreted
 )
 
 ROOMS = {
-    "laws": Room(
-        tuple(
-            f"physics/membrane/{name}.py"
-            for name in ("general", "hooke", "neo_hookean", "skalak", "strain_hardening", "law")
-        ),
-        ("tests/physics/membrane",),
-    ),
+    "laws": Room(("physics/membrane.py",), ("tests/physics/membrane",)),
     "kernel": Room(
-        ("infer/kernel.py", "infer/log_grid.py", "infer/marginal.py"),
-        (
-            "tests/infer/test_kernel.py",
-            "tests/infer/test_marginal.py",
-            "tests/infer/test_log_grid.py",
-            "tests/infer/test_likelihood.py",
-        ),
-        interpreted=True,
+        ("infer/likelihood.py", "infer/log_grid.py"),
+        ("tests/infer/test_likelihood.py", "tests/infer/test_log_grid.py", "tests/infer/test_density.py"),
     ),
-    "likelihood": Room(
-        ("infer/likelihood.py", "infer/outline/likelihood.py"),
-        ("tests/infer/test_likelihood.py", "tests/infer/test_density.py", "tests/infer/outline/test_likelihood.py"),
-    ),
+    "likelihood": Room(("infer/outline.py",), ("tests/infer/outline",)),
     "scoring": Room(
-        ("diagnosis/scoring.py",),
+        ("diagnosis/scores.py",),
         (
             "tests/diagnosis/test_scoring.py",
             "tests/diagnosis/test_evidence.py::test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior",
@@ -99,36 +84,21 @@ ROOMS = {
 ENDS = ("killed", "equivalent", "alive")
 _NO_LENGTH = "without L_a nothing reads its covariance"
 EQUIVALENT = {
-    (
-        "infer/kernel.py",
-        "first, second = np.empty(arrays[0].size), np.empty(arrays[0].size)",
-        "0 -> 1",
-    ): "arrays that are broadcast have one size",
-    (
-        "infer/kernel.py",
-        "return first.reshape(arrays[0].shape), second.reshape(arrays[0].shape)",
-        "0 -> 1",
-    ): "arrays that are broadcast have one shape",
     ("infer/likelihood.py", "float(c[0, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
     ("infer/likelihood.py", "float(c[1, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
     ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0", "0.0 -> 1.0"): _NO_LENGTH,
     (
-        "image/edges/extent.py",
-        'return np.convolve(np.concatenate([values[-2:], values, values[:2]]), np.full(5, 0.2), mode="valid")',
-        "0.2 -> 0.30000000000000004",
-    ): "only the place of the largest mean counts",
-    (
-        "image/edges/models.py",
+        "image/edge_models.py",
         "jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))",
         "2 -> 3",
     ): "a work array of which nothing reads what was added",
     (
-        "image/edges/outline.py",
+        "image/edges.py",
         "samples = np.arange(-reach, reach + 1.0)  # positive inwards",
         "1.0 -> 1.5",
     ): "no window holds the sample that is added",
     (
-        "image/edges/outline.py",
+        "image/edges.py",
         "normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)",
         "2 -> 3",
     ): "a right-hand side of which nothing reads the solution",
