@@ -38,8 +38,8 @@ from capsbayes.measurement import Measurement
 from capsbayes.measurement_sets import MeasuredLengths, read_set
 from capsbayes.membrane_database import MembraneDatabase
 from capsbayes.physics.build import read_cases
+from capsbayes.report.write import opened
 from capsbayes.run import Records, Store
-from capsbayes.show.report import opened
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 CHANNEL = Experiment(cross_section="square", half_width="25 um", viscosity="0.85 Pa s")

@@ -12,7 +12,7 @@ from scipy import stats
 
 from capsbayes.membrane_database import RANGES, covered
 from capsbayes.profile import Profile
-from capsbayes.show.words.posterior import BEYOND_LAWS
+from capsbayes.report.posterior import BEYOND_LAWS
 
 CAPSULES = membrane_pools.stored("capsules")
 

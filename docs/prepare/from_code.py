@@ -12,7 +12,7 @@ from capsbayes.cli import app
 from capsbayes.effects import catalogue
 from capsbayes.model import Effect
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.words.rounding import unit_of
+from capsbayes.report.numbers import unit_of
 from capsbayes.status import Status
 
 QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"

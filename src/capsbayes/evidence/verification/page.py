@@ -13,8 +13,8 @@ import capsbayes
 from capsbayes.evidence.markdown import table_lines
 from capsbayes.evidence.verification.topic import Results, Row, Topic, Verdict
 from capsbayes.files.output_file import write_file
+from capsbayes.report.style import write_figure
 from capsbayes.run import Records
-from capsbayes.show.figures.style import write_figure
 
 _COLUMNS = ("quantity", "reference", "source", "ours", "difference", "target", "")
 _VERDICTS: tuple[Verdict, ...] = ("met", "missed", "not computed")

@@ -1,0 +1,163 @@
+"""The identifiability map: contours of the width over (Ca, a/l) within the border of the model."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
+
+from capsbayes.arrays import Floats
+from capsbayes.infer.verdict import LEANING_SHARE
+from capsbayes.parameters import PARAMETERS
+from capsbayes.plan.membrane import KNOWN, MEASURED, UNKNOWN
+from capsbayes.report.style import ACCENT, label_plane, new_figure
+
+_LEVELS = (
+    *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
+    *(10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0),
+)  # %
+_MODULUS = "surface_shear_modulus"
+_TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+
+
+def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_modulus") -> Figure:
+    """Draw the relative width of G_s or a over (Ca, a/l).
+
+    Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
+    the dotted line two steady shapes are stable.
+
+    Parameters
+    ----------
+    widths : Dataset
+        Of `capsbayes.identifiability_map`.
+    quantity : str
+        ``"surface_shear_modulus"`` or ``"capsule_radius"``.
+    """
+    figure = new_figure(7.4, 5.6)
+    ax = figure.subplots()
+    width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
+    _draw(ax, widths, width, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]")
+    ax.set_title(_errors(widths), fontsize=10)
+    return figure
+
+
+def membrane_map_figure(found: xr.Dataset) -> Figure:
+    """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border.
+
+    Parameters
+    ----------
+    found : Dataset
+        Of `capsbayes.plan.membrane`.
+    """
+    kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in found]
+    figure = new_figure(8.6, 1.0 + 3.0 * len(kinds))
+    axes = figure.subplots(len(kinds), 2, sharex=True, sharey=True, squeeze=False)
+    names = [[f"{known}_{kind}" for known in (UNKNOWN, KNOWN)] for kind in kinds]
+    every = np.concatenate([found[name].to_numpy() for row in names for name in row])
+    levels, border = _levels(100.0 * every), _border(found)
+    ca, size = found["capillary_number"].to_numpy(), found["size_ratio"].to_numpy()
+    norm: Any = LogNorm(levels[0], levels[-1])
+    for ax, name in zip(axes.flat, [name for row in names for name in row], strict=True):
+        clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
+        style: dict[str, Any] = {"levels": levels, "norm": norm, "cmap": "viridis_r", "extend": "both"}
+        areas = ax.contourf(ca, size, 100.0 * _filled(found[name].to_numpy()), **style)
+        lines = ax.contour(
+            ca, size, 100.0 * _filled(found[name].to_numpy()), levels=levels, colors="white", linewidths=0.6
+        )
+        areas.set_clip_path(clip)
+        lines.set_clip_path(clip)
+        known, kind = name.split("_")
+        ax.set_title(f"{MEASURED[kind]}, membrane {known}", fontsize=10)
+        _axes(ax, border)
+    for ax in axes.flat:
+        ax.label_outer()
+    bar = figure.colorbar(areas, ax=axes, label=f"standard deviation of $\\ln {PARAMETERS[_MODULUS].latex}$ [%]")
+    bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
+    return figure
+
+
+def _draw(ax: Axes, widths: xr.Dataset, width: Floats, label: str) -> None:
+    ca, size = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+    border = _border(widths)
+    shown = _levels(np.where(widths["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
+    clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
+    norm: Any = LogNorm(shown[0], shown[-1])
+    filled = _filled(width)
+    areas = ax.contourf(ca, size, filled, levels=shown, norm=norm, cmap="viridis_r", extend="both")
+    lines = ax.contour(ca, size, filled, levels=shown, colors="white", linewidths=0.7)
+    leaning = _filled(widths["leaning"].to_numpy())
+    hatch = ax.contourf(ca, size, leaning, levels=[LEANING_SHARE, 1.1], colors="none", hatches=["////"])
+    two = _filled(widths["two_shapes"].to_numpy().astype(float))
+    snap = ax.contour(ca, size, two, levels=[0.5], colors=ACCENT, linestyles="dotted", linewidths=1.6)
+    for drawn in (areas, lines, hatch, snap):
+        drawn.set_clip_path(clip)
+    inside = Path(border)
+    for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
+        text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
+        text.set_visible(inside.contains_point(text.get_position()))
+    bar = ax.figure.colorbar(areas, ax=ax, label=label)
+    bar.set_ticks(shown, labels=[f"{level:g}" for level in shown])
+    _axes(ax, border)
+    marks: list[Any] = [
+        Patch(facecolor="none", hatch="////", label="leans on the border of the database: cut there, not measured"),
+        Line2D([], [], color=ACCENT, linestyle="dotted", linewidth=1.6, label="left of it two shapes are stable"),
+    ]
+    marks = marks if widths["two_shapes"].any() else marks[:1]
+    figure: Any = ax.figure
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+
+
+def _axes(ax: Axes, border: Floats) -> None:
+    ax.set_xscale("log")
+    low, high = border.min(axis=0), border.max(axis=0)
+    margin = 0.03 * (high[1] - low[1])
+    ax.set(xlim=(0.93 * low[0], 1.07 * high[0]), ylim=(low[1] - margin, high[1] + margin))
+    label_plane(ax, _TICKS)
+
+
+def _border(widths: xr.Dataset) -> Floats:
+    """Closed line around the shapes of the model, columns (Ca, a/l)."""
+    size = widths["size_ratio"].to_numpy()
+    sides = [np.stack([widths[end].to_numpy(), size], axis=1) for end in ("lowest", "highest")]
+    whole = np.concatenate([sides[0], sides[1][::-1]])
+    return whole[np.isfinite(whole).all(axis=1)]
+
+
+def _levels(width: Floats) -> list[float]:
+    """Levels between the smallest and the largest width that is measured."""
+    if np.isnan(width).all():
+        return [float(level) for level in _LEVELS[-4:]]
+    low, high = np.nanmin(width), np.nanmax(width)
+    inner = [level for level in _LEVELS if low < level < high]
+    if len(inner) > 1:
+        return inner
+    return [float(level) for level in np.geomspace(0.9 * low, 1.1 * high, 4)]
+
+
+def _filled(values: Floats) -> Floats:
+    """Values carried on along Ca beyond the border, where the picture is cut."""
+    return pd.DataFrame(values).interpolate(axis=1, limit_direction="both").to_numpy()
+
+
+def _errors(widths: xr.Dataset) -> str:
+    """Model and errors in two lines."""
+    stated, lab = (json.loads(widths.attrs[name]) for name in ("errors", "experiment"))
+    scale, unit = (1.0, "l") if stated["unit_of_lengths"] == "l" else (1e6, "µm")
+    extent, length = stated["axial_extent"], stated["axial_length"]
+    of_length = "not measured" if length is None else f"± {scale * length:.3g} {unit}"
+    share = {name: 100.0 * lab[name]["error"] / lab[name]["value"] for name in ("viscosity", "half_width")}
+    return (
+        f"{widths.attrs['model']}; errors: $L_z$ ± {scale * extent:.3g} {unit}, $L_a$ {of_length}, "
+        f"$v_\\mathrm{{o}}$ ± {100.0 * stated['capsule_velocity_relative']:.2g} %,\n"
+        f"$\\mu$ ± {share['viscosity']:.2g} %, $\\ell$ ± {share['half_width']:.2g} %"
+    )
