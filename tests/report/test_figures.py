@@ -14,7 +14,6 @@ from capsbayes.infer.posterior import DeterministicAnswer
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.report import corner_plot, outline_figure, outline_plot
-from capsbayes.report.posterior_figures import density_levels
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +57,6 @@ def test_a_contour_of_the_corner_plot_holds_the_share_of_the_draws_that_it_state
     _, outlines = (of for of in ax.collections if isinstance(of, ContourSet))
     held = [path.contains_points(draws).mean() for path in outlines.get_paths()]
     np.testing.assert_allclose(held, [0.95, 0.68], atol=0.02)
-
-
-@pytest.mark.parametrize("shares", [(0.68, 0.95), (0.1, 0.5)])
-def test_levels_of_a_normal_density_are_those_of_its_ellipses(shares):
-    """A share p lies where the density is above 1 - p of its maximum."""
-    x = np.linspace(-6.0, 6.0, 400)
-    density = np.exp(-0.5 * (x[:, None] ** 2 + (x - 0.3) ** 2))
-    np.testing.assert_allclose(density_levels(density, shares), 1.0 - np.array(shares[::-1]), atol=2e-3)
 
 
 def test_a_quantity_without_spread_is_drawn_too(posterior):

@@ -1,7 +1,4 @@
-"""Tables of a database: what it holds, where steady shapes end, how its cases ended, its settings.
-
-The page of a database: what it holds, where steady shapes exist, its maps, where it comes from.
-"""
+"""The page of a database and its tables: what it holds, where steady shapes end, its maps, its settings."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.report.atlas import atlas
 from capsbayes.report.page import page, picture
 from capsbayes.report.population import status_table
-from capsbayes.report.tables import Code, Symbols, flat, html_table, table, typeset
+from capsbayes.report.tables import Code, Symbols, flat, table, typeset
 from capsbayes.status import Status
 
 _ENDS = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
@@ -81,11 +78,6 @@ def origin_table(database: Database, source: str) -> pd.DataFrame:
     return table(("", ""), rows)
 
 
-def settings_table(database: Database) -> pd.DataFrame:
-    """Return every setting of the simulator by name."""
-    return table(("", ""), flat(database.settings))
-
-
 def _reading(source: str) -> str:
     how = "open" if source in Database.shipped() else "read"
     return f'capsbayes.Database.{how}("{source}")'
@@ -139,34 +131,19 @@ _PIXELS = ("velocity", "velocity-surface", "lengths")  # filled contours and sur
 
 
 def database_page(database: Database, *, source: str = "") -> str:
-    """Return a database, of which `source` is the name or the file, as a whole page in HTML, its pictures within it.
-
-    Raises
-    ------
-    DatabaseError
-        If no case has a steady shape.
-    """
+    """Return a database, of which `source` is the name or the file, as a whole page in HTML, its pictures within it."""
     figures = {
         name: picture(figure, f"map: {name}", typeset(_CAPTIONS[name]), fit="narrow scroll", png=name in _PIXELS)
         for name, figure in atlas(database).items()
     }
-    attributes = database.dataset.attrs
     statuses = {Status[name]: count for name, count in Counter(map(str, database["status"])).most_common()}
-    return page(
-        "database.html",
-        title=str(attributes["title"]),
-        name=Path(source).stem if source else "without a name",
-        headline=(
-            f"{len(database.converged)} steady shapes, {attributes['law']} membrane, "
-            f"{attributes['cross_section']} channel"
-        ),
-        domain_sentence=typeset(domain_sentence(database)),
-        contents=html_table(contents_table(database)),
-        cases=figures.pop("cases"),
-        ratio=typeset("a/l"),
-        domain=html_table(domain_table(database)),
-        statuses=html_table(status_table(statuses, "cases")),
-        maps=list(figures.values()),
-        origin=html_table(origin_table(database, source)),
-        settings=html_table(settings_table(database)),
-    )
+    tables = {
+        "contents": contents_table(database),
+        "domain": domain_table(database),
+        "statuses": status_table(statuses, "cases"),
+        "origin": origin_table(database, source),
+        "settings": table(("", ""), flat(database.settings)),
+    }
+    sentence = domain_sentence(database)
+    name = Path(source).stem if source else "without a name"
+    return page("database.html", database=database, name=name, tables=tables, domain_sentence=sentence, figures=figures)

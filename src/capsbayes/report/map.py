@@ -35,13 +35,6 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
 
     Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
     the dotted line two steady shapes are stable.
-
-    Parameters
-    ----------
-    widths : Dataset
-        Of `capsbayes.identifiability_map`.
-    quantity : str
-        ``"surface_shear_modulus"`` or ``"capsule_radius"``.
     """
     figure = new_figure(7.4, 5.6)
     ax = figure.subplots()
@@ -52,13 +45,7 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
 
 
 def membrane_map_figure(found: xr.Dataset) -> Figure:
-    """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border.
-
-    Parameters
-    ----------
-    found : Dataset
-        Of `capsbayes.plan.membrane`.
-    """
+    """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border."""
     kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in found]
     figure = new_figure(8.6, 1.0 + 3.0 * len(kinds))
     axes = figure.subplots(len(kinds), 2, sharex=True, sharey=True, squeeze=False)

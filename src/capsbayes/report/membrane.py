@@ -1,39 +1,33 @@
-"""Sentences about the membrane that a batch shares.
-
-Tables of the membrane that a batch shares: its parameters, the laws, the flows, the capsules.
-
-What is printed of the membrane that a batch shares, and a plan to find it.
-
-Figure of the membrane that a batch shares: G_s flow by flow, and the lengths as predicted and as measured.
-"""
+"""Sentences, tables and figure of the membrane that a batch shares."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from capsbayes.arrays import Floats
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import interval_words, per_cent, rounded, two_digits
-from capsbayes.report.posterior import BY_MESH
+from capsbayes.report.numbers import marginal_cells, per_cent, rounded
+from capsbayes.report.posterior import BY_MESH, KEPT
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
 
-_KEPT = 0.9  # width over that of the prior, above which a parameter kept its prior
+_MODULUS, _SPEED = PARAMETERS["surface_shear_modulus"], PARAMETERS["mean_velocity"]
 _STRONG, _SOME = 20.0, 3.0  # odds
+_STYLES = ((INK, "o"), (ACCENT, "s"), (PALE, "D"), (WALL, "^"), (INK, "v"))  # of the laws
 
 
 def told_words(shared: SharedMembrane) -> str:
     """Say which parameters of the membrane the batch tells, and which kept their prior."""
     widths = shared.widths_over_prior()
-    kept = [PARAMETERS[name].symbol for name, width in widths.items() if width > _KEPT]
-    told = [PARAMETERS[name].symbol for name, width in widths.items() if width <= _KEPT]
+    kept = [PARAMETERS[name].symbol for name, width in widths.items() if width > KEPT]
+    told = [PARAMETERS[name].symbol for name, width in widths.items() if width <= KEPT]
     parts = [f"The capsules tell {', '.join(told)}." if told else "The capsules tell nothing of the membrane."]
     if kept:
         parts.append(f"{', '.join(kept)} kept {'its prior' if len(kept) == 1 else 'their priors'}.")
@@ -77,20 +71,13 @@ def caveats(shared: SharedMembrane) -> Iterator[str]:
         yield f"That is {per_cent(share)} of the capsules: their errors may be understated."
 
 
-_MODULUS = PARAMETERS["surface_shear_modulus"]
-
-
 def membrane_table(shared: SharedMembrane) -> pd.DataFrame:
     """Return median and intervals of the membrane and the population, and how much the data tell of each parameter."""
     widths = shared.widths_over_prior()
     rows = []
     for name, marginal in shared.marginals.items():
-        parameter = PARAMETERS[name]
-        digits = two_digits(parameter.shown(marginal.sd))
-        limits = (marginal.lower_68, marginal.upper_68), (marginal.lower_95, marginal.upper_95)
-        ends = [interval_words(name, low, high, digits) for low, high in limits]
-        told = per_cent(widths[name]) if name in widths else ""
-        rows.append([Symbols(parameter.label), rounded(parameter.shown(marginal.median), digits), *ends, told])
+        width = per_cent(widths[name]) if name in widths else ""
+        rows.append([Symbols(PARAMETERS[name].label), *marginal_cells(name, marginal), width])
     head = ("", "median", "68 % interval", "95 % interval", "of the prior's width")
     title = f"Membrane and population of {len(shared)} capsules: median and equal-tailed intervals"
     return table(head, rows, title=title, numbers=range(1, len(head)))
@@ -100,7 +87,7 @@ def law_table(shared: SharedMembrane) -> pd.DataFrame:
     """Return the probability of each law, and G_s if the membrane obeys it."""
     rows = []
     for law in sorted(shared.laws, key=lambda law: -law.probability):
-        middle, ends = _median_and_ends(Marginal.of_draws(law.draws["surface_shear_modulus"]))
+        middle, _, ends = marginal_cells(_MODULUS.name, Marginal.of_draws(law.draws[_MODULUS.name]))
         rows.append((law.name, rounded(100.0 * law.probability, 1) + " %", middle, ends))
     head = ("law", "probability", Symbols(_MODULUS.label), "95 % interval")
     return table(head, rows, title="If the membrane obeys a known law", numbers=(1, 2, 3))
@@ -108,28 +95,19 @@ def law_table(shared: SharedMembrane) -> pd.DataFrame:
 
 def flow_table(shared: SharedMembrane) -> pd.DataFrame:
     """Return the mean G_s of the capsules of each flow, with the membrane unknown and under each law."""
-    speed = PARAMETERS["mean_velocity"]
     laws = [law for law in shared.laws[1:] if law.usable]
     columns = [shared.moduli_by_flow(), *(shared.moduli_by_flow(law.draws) for law in laws)]
     rows = []
     for number, flow in enumerate(shared.as_dict()["flows"]):
-        cells = [f"{middle} ({ends})" for middle, ends in (_median_and_ends(column[number], 68) for column in columns)]
-        rows.append([f"{speed.shown(flow['speed']):.3g}", str(flow["capsules"]), *cells])
+        marginals = [marginal_cells(_MODULUS.name, column[number]) for column in columns]
+        cells = [f"{middle} ({ends})" for middle, ends, _ in marginals]
+        rows.append([f"{_SPEED.shown(flow['speed']):.3g}", str(flow["capsules"]), *cells])
     title = f"Mean {_MODULUS.label} of the capsules of each flow (68 %): the same at all if the law is right"
-    head = [f"speed [{speed.shown_unit}]", "capsules", "unknown", *(law.name for law in laws)]
+    head = [f"speed [{_SPEED.shown_unit}]", "capsules", "unknown", *(law.name for law in laws)]
     return table([Symbols(text) for text in head], rows, title=title, numbers=range(len(head)))
 
 
-def _median_and_ends(marginal: Marginal, level: int = 95) -> tuple[str, str]:
-    digits = two_digits(_MODULUS.shown(marginal.sd))
-    low, high = marginal.ends(level)
-    return rounded(_MODULUS.shown(marginal.median), digits), interval_words(_MODULUS.name, low, high, digits)
-
-
-Parts = Iterator[str | pd.DataFrame]
-
-
-def membrane_parts(shared: SharedMembrane) -> Parts:
+def membrane_parts(shared: SharedMembrane) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of the membrane that a batch shares."""
     yield membrane_table(shared)
     yield told_words(shared)
@@ -139,11 +117,6 @@ def membrane_parts(shared: SharedMembrane) -> Parts:
     if shared.flow.max() > 0:
         yield flow_table(shared)
     yield from caveats(shared)
-
-
-_MARKERS = "osD^v"
-_COLOURS = (INK, ACCENT, PALE, WALL)
-_SPEED = PARAMETERS["mean_velocity"]
 
 
 def membrane_figure(shared: SharedMembrane) -> Figure:
@@ -163,11 +136,11 @@ def _draw_flows(ax: Axes, shared: SharedMembrane) -> None:
     rows += [(law.name, shared.moduli_by_flow(law.draws)) for law in shared.laws[1:] if law.usable]
     for number, (name, marginals) in enumerate(rows):
         aside = 1.0 + 0.03 * (number - 0.5 * (len(rows) - 1))  # so that bars do not hide each other
-        colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
-        middles, errors = _with_errors(marginals)
-        ax.errorbar(
-            speeds * aside, middles, errors, color=colour, marker=marker, linestyle="none", markersize=5, label=name
-        )
+        colour, marker = _STYLES[number % len(_STYLES)]
+        middles = np.array([_MODULUS.shown(marginal.median) for marginal in marginals])
+        ends = _MODULUS.scale * np.array([marginal.ends(68) for marginal in marginals]).T
+        style: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 5, "label": name}
+        ax.errorbar(speeds * aside, middles, np.abs(ends - middles), **style)
     ax.set(xscale="log", yscale="log", xlabel="speed of the flow [mm/s]", ylabel=_MODULUS.axis_label)
     ax.set_xticks(speeds, [f"{speed:.3g}" for speed in speeds])
     ax.yaxis.set_major_formatter("{x:g}")
@@ -182,24 +155,10 @@ def _draw_flows(ax: Axes, shared: SharedMembrane) -> None:
 def _draw_lengths(ax: Axes, shared: SharedMembrane) -> None:
     for column, (name, colour, marker) in enumerate((("axial_extent", INK, "o"), ("axial_length", ACCENT, "s"))):
         measured, predicted = shared.lengths[:, column], np.median(shared.draws[f"{name}_each"], axis=0)
-        ax.plot(
-            predicted,
-            measured,
-            color=colour,
-            marker=marker,
-            linestyle="none",
-            markersize=4,
-            alpha=0.8,
-            label=f"${PARAMETERS[name].latex}$",
-        )
+        label = f"${PARAMETERS[name].latex}$"
+        ax.plot(predicted, measured, marker, color=colour, markersize=4, alpha=0.8, label=label)
     ends = ax.get_xlim()
     ax.plot(ends, ends, color=WALL, linewidth=1.0, zorder=0)
     ax.set(xlim=ends, xlabel="predicted", ylabel="measured")
     ax.set_title(f"{ratio_label('axial_extent')} and {ratio_label('axial_length')}", fontsize=10)
     framed(ax).legend(frameon=False)
-
-
-def _with_errors(marginals: list[Marginal]) -> tuple[Floats, Floats]:
-    middles = np.array([_MODULUS.shown(one.median) for one in marginals])
-    ends = np.array([[_MODULUS.shown(end) for end in one.ends(68)] for one in marginals]).T
-    return middles, np.abs(ends - middles)

@@ -1,7 +1,4 @@
-"""Numbers as people read them: rounded by their error, in the unit of the quantity.
-
-`uncertainties` rounds a value with its error by the same rule, but neither the ends of an interval together with its
-median nor tens and hundreds without an exponent, so the rule stands here."""
+"""Numbers as people read them: rounded by their error, in the unit of the quantity."""
 
 from __future__ import annotations
 
@@ -15,14 +12,10 @@ from capsbayes.parameters import PARAMETERS, Parameter
 
 
 def decimals(error: float) -> int:
-    """Return the number of decimals to print: two significant digits of the error up to 35, one above.
+    """Return the decimals to print, negative for tens: two digits of the error up to 35, one above; 3 without one.
 
-    This is the rule of the Particle Data Group. Negative where tens or hundreds are rounded off; 3 without an error.
-
-    Examples
-    --------
-    >>> decimals(5.9), decimals(0.29), decimals(0.0081), decimals(241.0), decimals(0.0)
-    (0, 2, 3, -1, 3)
+    This is the rule of the Particle Data Group. `uncertainties` follows it too, but neither for the ends of an interval
+    together with its median nor for tens and hundreds without an exponent.
     """
     if not (math.isfinite(error) and error > 0.0):
         return 3
@@ -36,26 +29,15 @@ def two_digits(error: float) -> int:
 
 
 def rounded(value: float, digits: int) -> str:
-    """Return a number with so many decimals; "not known" for NaN.
-
-    Examples
-    --------
-    >>> rounded(0.08106, 3), rounded(5128.0, -2)
-    ('0.081', '5100')
-    """
+    """Return a number with so many decimals; "not known" for NaN."""
     return f"{round(value, digits):.{max(digits, 0)}f}" if math.isfinite(value) else "not known"
 
 
 def together(values: Sequence[float], digits: int) -> list[str]:
-    """Return numbers of one quantity with so many decimals, as a median and the ends of its interval.
+    """Return a median and the ends of its interval with so many decimals, or each with two digits of its own.
 
-    Where that would leave less than two digits of one of several positive numbers, each has two digits of its own:
-    the lower end of a long tail is not rounded to zero.
-
-    Examples
-    --------
-    >>> together((50.03, 40.5, 63.7), 0), together((296.0, 31.4, 1412.0), -2)
-    (['50', '40', '64'], ['300', '31', '1400'])
+    The latter where less than two digits of one of several positive numbers would be left: the lower end of a long tail
+    is not rounded to zero.
     """
     if min(values) > 0.0 and min(values) < 10.0 ** (1 - digits):
         return [rounded(value, 1 - math.floor(math.log10(value))) for value in values]
@@ -68,36 +50,18 @@ def unit_of(parameter: Parameter) -> str:
 
 
 def with_unit(name: str, value: float, digits: str = ".3g") -> str:
-    """Return a number, given in SI, with the display unit; empty if it is not finite.
-
-    Examples
-    --------
-    >>> with_unit("capsule_radius", 23.4e-6)
-    '23.4 µm'
-    """
+    """Return a number, given in SI, with the display unit; empty if it is not finite."""
     parameter = PARAMETERS[name]
     return f"{parameter.shown(value):{digits}}{unit_of(parameter)}" if math.isfinite(value) else ""
 
 
 def stated_in(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and display unit of a quantity stated in a unit: a length may be over l or in metres.
-
-    Examples
-    --------
-    >>> stated_in("axial_extent", "l"), stated_in("half_width", "m")[1]
-    ((1.0, ' l'), ' µm')
-    """
+    """Return factor and display unit of a quantity stated in a unit: a length may be over l or in metres."""
     return {"l": (1.0, " l"), "m": (1e6, " µm")}.get(unit, (PARAMETERS[name].scale, unit_of(PARAMETERS[name])))
 
 
 def value_words(name: str, marginal: Marginal) -> str:
-    """Return a median with its 95 % interval, as in a heading.
-
-    Examples
-    --------
-    >>> value_words("surface_shear_modulus", Marginal(0.071, 0.004, 0.071, 0.067, 0.075, 0.0638, 0.0792))
-    'G_s = 71 mN/m, 95 % [64, 79]'
-    """
+    """Return a median with its 95 % interval, as in a heading."""
     parameter = PARAMETERS[name]
     digits = decimals(parameter.shown(0.5 * (marginal.upper_68 - marginal.lower_68)))
     numbers = [parameter.shown(value) for value in (marginal.median, marginal.lower_95, marginal.upper_95)]
@@ -106,23 +70,19 @@ def value_words(name: str, marginal: Marginal) -> str:
 
 
 def interval_words(name: str, low: float, high: float, digits: int) -> str:
-    """Return two ends, given in SI, in the display unit.
-
-    Examples
-    --------
-    >>> interval_words("capsule_radius", 23.4e-6, 24.54e-6, 1)
-    '23.4 to 24.5'
-    """
+    """Return two ends, given in SI, in the display unit."""
     return " to ".join(together([PARAMETERS[name].shown(end) for end in (low, high)], digits))
 
 
 def per_cent(share: float) -> str:
-    """Return a share in per cent: two digits of it below ten.
-
-    Examples
-    --------
-    >>> per_cent(0.603), per_cent(0.0421), per_cent(0.0)
-    ('60 %', '4.2 %', '0 %')
-    """
+    """Return a share in per cent: two digits of it below ten."""
     value = 100.0 * share
     return f"{value:.0f} %" if abs(value) >= 9.95 or value == 0.0 else f"{float(np.round(value, 1)):g} %"
+
+
+def marginal_cells(name: str, marginal: Marginal) -> list[str]:
+    """Return median, 68 and 95 % interval in the display unit, with two digits of the standard deviation."""
+    parameter = PARAMETERS[name]
+    digits = two_digits(parameter.shown(marginal.sd))
+    ends = [interval_words(name, *marginal.ends(level), digits) for level in (68, 95)]
+    return [rounded(parameter.shown(marginal.median), digits), *ends]

@@ -1,7 +1,4 @@
-"""The skeleton of a page: one HTML file that holds its style and its pictures and loads nothing.
-
-How to cite capsbayes: the content of `CITATION.cff`, for pages.
-"""
+"""The skeleton of a page: one HTML file that holds its style and its pictures and loads nothing."""
 
 from __future__ import annotations
 
@@ -19,6 +16,19 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 import capsbayes
+from capsbayes.report.tables import html_table, typeset
+
+# The content of CITATION.cff
+MESSAGE = "If you use capsbayes, please cite it, and the article whose method it extends."
+SOFTWARE = (
+    f"The capsbayes developers. capsbayes, version {capsbayes.__version__}. Shear modulus and radius of liquid-core "
+    "microcapsules from a picture, with honest credible intervals. MIT licence."
+)
+ARTICLE = (
+    "Carlos Quesada, Claire Dupont, Pierre Villon and Anne-Virginie Salsac. Diffuse approximation for identification "
+    "of the mechanical properties of microcapsules. Mathematics and Mechanics of Solids, 2021."
+)
+DOI = "10.1177/1081286520977602"
 
 _SVG = "{http://www.w3.org/2000/svg}"
 ElementTree.register_namespace("", _SVG[1:-1])
@@ -31,11 +41,10 @@ def page(template: str, **content: Any) -> str:
 
 
 def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False, fit: str = "") -> Markup:
-    """Return a figure as an image within the page; the same figure gives the same bytes.
+    """Return a figure as an SVG, or what has too many lines as a `png`, within the page, the same bytes each time.
 
-    The alternative is for those who do not see it. It is an SVG; what has too many lines is better drawn in pixels
-    (`png`). With ``scroll`` in `fit`, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide
-    one does not make it as wide as the page.
+    With ``scroll`` in `fit`, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide one does
+    not make it as wide as the page.
     """
     if png:
         pixels = io.BytesIO()
@@ -47,10 +56,7 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
 def drawing(
     figure: Figure, alternative: str, caption: str, marks: Mapping[str, Sequence[str]], *, fit: str = ""
 ) -> Markup:
-    """Return a figure as an SVG within the page whose marks say what they are when they are pointed at.
-
-    Of each artist, by its ``gid``, the texts are those of its marks in their order, or one of the whole.
-    """
+    """Return a figure as an SVG whose marks, by the ``gid`` of their artist, say a text when they are pointed at."""
     root = ElementTree.fromstring(_svg(figure))
     root.attrib = {"role": "img", "aria-label": alternative, "viewBox": root.attrib["viewBox"]}
     root.remove(root[0])  # who made it
@@ -63,8 +69,7 @@ def drawing(
             title = ElementTree.Element(f"{_SVG}title")
             title.text = text
             mark.insert(0, title)
-    svg = ElementTree.tostring(root, encoding="unicode")
-    return _figure(Markup(svg), caption, fit)
+    return _figure(Markup(ElementTree.tostring(root, encoding="unicode")), caption, fit)
 
 
 def _svg(figure: Figure) -> str:
@@ -91,24 +96,11 @@ def _figure(shown: Markup, caption: str, fit: str) -> Markup:
 
 @functools.cache
 def _templates() -> Environment:
+    loader = PackageLoader("capsbayes.report")
     environment = Environment(
-        loader=PackageLoader("capsbayes.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals |= {"message": MESSAGE, "software": SOFTWARE, "article": ARTICLE, "doi": DOI}
+    environment.globals["version"] = capsbayes.__version__
+    environment.filters |= {"table": html_table, "typeset": typeset}
     return environment
-
-
-MESSAGE = "If you use capsbayes, please cite it, and the article whose method it extends."
-SOFTWARE = (
-    f"The capsbayes developers. capsbayes, version {capsbayes.__version__}. Shear modulus and radius of liquid-core "
-    "microcapsules from a picture, with honest credible intervals. MIT licence."
-)
-ARTICLE = (
-    "Carlos Quesada, Claire Dupont, Pierre Villon and Anne-Virginie Salsac. Diffuse approximation for identification "
-    "of the mechanical properties of microcapsules. Mathematics and Mechanics of Solids, 2021."
-)
-DOI = "10.1177/1081286520977602"

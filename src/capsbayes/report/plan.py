@@ -1,13 +1,4 @@
-"""Sentences about the plan of measurements whose membrane is unknown.
-
-Tables of the plan of an experiment: error budget, Sobol indices, flow rates.
-
-Tables of the plan of measurements whose membrane is unknown: the flow rates of a batch.
-
-Figures of the plan of an experiment: error budget, Sobol indices, and the flow rate to choose.
-
-Figures of the plan of measurements whose membrane is unknown: the flow rates of a batch.
-"""
+"""Sentences, tables and figures of plans: error budget, Sobol indices, flow rates for a known or unknown membrane."""
 
 from __future__ import annotations
 
@@ -19,18 +10,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
+from capsbayes.arrays import Floats
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, FlowRisk, MembraneFlowDesign, PlannedFlows, SobolStudy
+from capsbayes.plan import BudgetRow, ErrorBudget, FlowDesign, FlowPoint, MembraneFlowDesign, PlannedFlows, SobolStudy
 from capsbayes.plan.membrane import MEASURED
 from capsbayes.plan.widths import EACH, LOGARITHMIC
 from capsbayes.report.numbers import per_cent, stated_in, unit_of, with_unit
+from capsbayes.report.posterior import KEPT
 from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, framed, legend_below, new_figure, without_l
 from capsbayes.report.tables import Symbols, table
 
 _SPEED, _MODULUS = PARAMETERS["mean_velocity"], PARAMETERS["surface_shear_modulus"]
-_KEPT = 0.9  # width over that of the prior, above which a parameter keeps its prior
+_COLOURS = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
+_HEIGHT = 0.36  # of a bar
+_LABEL = 42  # characters in a line of a label
 _RARE = 0.005  # share of the capsules that is not mentioned
 
 
@@ -45,9 +41,9 @@ def flow_words(design: MembraneFlowDesign) -> Iterator[str]:
 def _told_words(design: MembraneFlowDesign) -> str:
     assert design.best is not None, "asked for"
     shares = {PARAMETERS[name].symbol: design.best.sds[name] / sd for name, sd in design.prior_sds.items()}
-    told = [symbol for symbol, share in shares.items() if share <= _KEPT]
-    kept = [symbol for symbol, share in shares.items() if share > _KEPT]
-    speeds = ", ".join(f"{PARAMETERS['mean_velocity'].shown(speed):.3g}" for speed in design.best.mean_velocities)
+    told = [symbol for symbol, share in shares.items() if share <= KEPT]
+    kept = [symbol for symbol, share in shares.items() if share > KEPT]
+    speeds = ", ".join(f"{_SPEED.shown(speed):.3g}" for speed in design.best.mean_velocities)
     rates = ", ".join(f"{PARAMETERS['flow_rate'].shown(rate):.3g}" for rate in design.best.flow_rates)
     first = f"Film at U = {speeds} mm/s (Q = {rates} µL/min): G_s to ± {per_cent(design.best.sds[_MODULUS.name])}"
     parts = [f"{first}, were the membrane known to ± {per_cent(design.best.sd_if_known)}."]
@@ -78,17 +74,13 @@ def _limit_words(design: MembraneFlowDesign) -> Iterator[str]:
         yield f"{per_cent(design.outside)} of the capsules have a size that the model does not have at any flow rate."
     for one in design.sets[-1:]:
         for speed in one.mean_velocities:
-            risk = _nearest(design, speed)
+            risk = min(design.risks, key=lambda risk: abs(risk.mean_velocity - speed))
             lost = risk.without_shape - design.outside
             if lost > max(design.risk, _RARE):
                 yield (
                     f"At U = {with_unit('mean_velocity', speed)} the model has no shape of {per_cent(lost)} of the "
                     "capsules; what is expected is of the others."
                 )
-
-
-def _nearest(design: MembraneFlowDesign, speed: float) -> FlowRisk:
-    return min(design.risks, key=lambda risk: abs(risk.mean_velocity - speed))
 
 
 _ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
@@ -178,10 +170,8 @@ def membrane_flow_table(design: MembraneFlowDesign) -> pd.DataFrame:
     rows.append(["prior", "", "", "", "", "", *(f"{design.prior_sds[name]:.2g}" for name in names)])
     head = ["flow rates", f"U [{_SPEED.shown_unit}]", "Ca", "mean\nln G_s", "membrane\nknown", "ln G_s\nof each"]
     head += [_label(name) for name in names]
-    batch = "one capsule" if design.same_capsule else f"{design.capsules} capsules"
-    title = f"Expected standard deviations: {batch}, filmed in equal shares at the best flow rates"
-    if design.same_capsule:
-        title = "Expected standard deviations: one capsule, filmed at the best flow rates"
+    batch = "one capsule, filmed" if design.same_capsule else f"{design.capsules} capsules, filmed in equal shares"
+    title = f"Expected standard deviations: {batch} at the best flow rates"
     return table([Symbols(text) for text in head], rows, title=title, numbers=range(3, len(head)))
 
 
@@ -208,11 +198,6 @@ def _label(name: str) -> str:
     return f"ln {symbol}" if name in LOGARITHMIC else symbol
 
 
-_QUANTITIES = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
-_HEIGHT = 0.36  # of a bar
-_LABEL = 42  # characters in a line of a label
-
-
 def membrane_flow_parts(design: MembraneFlowDesign) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of the flow rates at which a batch is to be filmed."""
     if design.sets:
@@ -225,7 +210,7 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     figure = new_figure(9.6, 1.6 + 0.42 * len(budget.rows))
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(budget.rows), dtype=float)
-    for shift, (quantity, colour) in zip((-0.5, 0.5), _QUANTITIES.items(), strict=True):
+    for shift, (quantity, colour) in zip((-0.5, 0.5), _COLOURS.items(), strict=True):
         share_of = budget.shares_of(quantity)
         shares = [100.0 * share_of.get(row.name, np.nan) for row in budget.rows]
         changes = [100.0 * row.change.get(quantity, np.nan) / budget.value[quantity] for row in budget.rows]
@@ -292,8 +277,8 @@ def flow_figure(design: FlowDesign) -> Figure:
     """Draw the expected width over the mean velocity, with the flow rate above, and the risk below."""
     figure = new_figure(7.4, 5.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    table, velocity = design.table(), PARAMETERS["mean_velocity"]
-    speed = velocity.scale * table["mean_velocity"].to_numpy()
+    table = design.table()
+    speed = _SPEED.scale * table["mean_velocity"].to_numpy()
     allowed = table["allowed"].to_numpy()
     width = 100.0 * table["relative"].to_numpy()
     upper.plot(speed, width, color=WALL, linewidth=1.2, label="leans on the border of the database, or too near")
@@ -306,72 +291,67 @@ def flow_figure(design: FlowDesign) -> Figure:
         lower.plot(speed, 100.0 * table[name].to_numpy(), color=colour, linewidth=line, label=label)
     lower.axhline(100.0 * design.risk, color="black", linewidth=0.8, linestyle=":")
     for ax in (upper, lower):
-        ax.axvline(velocity.scale * design.limit_velocity, color=ACCENT, linewidth=1.2, linestyle="--")
-    _mark_best(upper, design)
+        ax.axvline(_SPEED.scale * design.limit_velocity, color=ACCENT, linewidth=1.2, linestyle="--")
+    if design.best is not None:
+        _mark_best(upper, design.best)
     _label_axes(upper, lower, design, width)
     return figure
 
 
-def _mark_best(ax: Axes, design: FlowDesign) -> None:
-    if design.best is None:
-        return
-    best = design.best
-    ax.plot(PARAMETERS["mean_velocity"].shown(best.mean_velocity), 100.0 * best.relative, "o", color=INK, markersize=8)
+def _mark_best(ax: Axes, best: FlowPoint) -> None:
+    ax.plot(_SPEED.shown(best.mean_velocity), 100.0 * best.relative, "o", color=INK, markersize=8)
     speed, rate = with_unit("mean_velocity", best.mean_velocity), with_unit("flow_rate", best.flow_rate)
     accuracy = f"$G_\\mathrm{{s}}$ to ± {100.0 * best.relative:.2g} %"
     ax.set_title(f"best: $U$ = {speed}, $Q$ = {rate}, {accuracy}", fontsize=11)
 
 
-def _label_axes(upper: Axes, lower: Axes, design: FlowDesign, width: np.ndarray) -> None:
+def _label_axes(upper: Axes, lower: Axes, design: FlowDesign, width: Floats) -> None:
     first = design.points[0]
-    per = PARAMETERS["flow_rate"].shown(first.flow_rate) / PARAMETERS["mean_velocity"].shown(first.mean_velocity)
+    per = PARAMETERS["flow_rate"].shown(first.flow_rate) / _SPEED.shown(first.mean_velocity)
     upper.set_xscale("log")
     above: Any = upper.secondary_xaxis("top", functions=(partial(np.multiply, per), partial(np.multiply, 1.0 / per)))
     above.set_xlabel(PARAMETERS["flow_rate"].axis_label)
     for axis in (upper.xaxis, above.xaxis):
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
-    ends = [PARAMETERS["mean_velocity"].shown(design.points[end].mean_velocity) for end in (0, -1)]
-    upper.set(
-        xlim=(0.92 * ends[0], 1.08 * ends[1]),
-        ylabel="expected half of the 68 %\ninterval of $G_\\mathrm{s}$ [%]",
-        ylim=(0.0, 1.08 * float(np.nanmax(width))),
-    )
-    lower.set(xlabel=PARAMETERS["mean_velocity"].axis_label, ylabel="capsules [%]", ylim=(-4.0, 104.0))
+        _plain_numbers(axis)
+    low, high = (_SPEED.shown(design.points[end].mean_velocity) for end in (0, -1))
+    label = "expected half of the 68 %\ninterval of $G_\\mathrm{s}$ [%]"
+    upper.set(xlim=(0.92 * low, 1.08 * high), ylim=(0.0, 1.08 * float(np.nanmax(width))), ylabel=label)
+    lower.set(xlabel=_SPEED.axis_label, ylabel="capsules [%]", ylim=(-4.0, 104.0))
     for ax in (upper, lower):
         framed(ax, ("right",)).legend(frameon=False, fontsize=9, loc="upper left" if ax is lower else "lower left")
+
+
+def _plain_numbers(axis: Axis) -> None:
+    """Plain numbers at the ticks of a logarithmic axis, at 2 and 5 between the decades too."""
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
 
 
 def membrane_flow_figure(design: MembraneFlowDesign) -> Figure:
     """Draw the best sets of flow rates with what they tell, and the capsules that cannot be used at each velocity."""
     figure = new_figure(7.4, 5.2)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    for place, one in enumerate(design.sets):
-        speeds = _SPEED.scale * np.array(one.mean_velocities)
-        upper.plot(speeds, np.full(len(speeds), place), "o-", color=INK, markersize=7)
-    lawful = design.for_law
-    if lawful is not None and lawful is not design.best:
-        speeds = _SPEED.scale * np.array(lawful.mean_velocities)
-        upper.plot(speeds, np.full(len(speeds), len(design.sets)), "s--", color=ACCENT, markersize=6)
-    shown = [*design.sets, *([] if lawful is None or lawful is design.best else [lawful])]
-    labels = [f"{len(one.mean_velocities)}: ± {100.0 * one.sds[_MODULUS.name]:.2g} %" for one in shown]
-    if len(shown) > len(design.sets):
-        labels[-1] += "\n(for the law)"
-    upper.set_yticks(range(len(shown)), labels)
-    upper.set(ylabel=f"flow rates: ${_MODULUS.latex}$ to", ylim=(len(shown) - 0.5, -0.5))
+    planned = [(flows, "o-", INK, 7, "") for flows in design.sets]
+    if design.for_law is not None and design.for_law is not design.best:
+        planned.append((design.for_law, "s--", ACCENT, 6, "\n(for the law)"))
+    labels = []
+    for place, (flows, line, colour, size, note) in enumerate(planned):
+        speeds = _SPEED.scale * np.array(flows.mean_velocities)
+        upper.plot(speeds, np.full(len(speeds), place), line, color=colour, markersize=size)
+        labels.append(f"{len(speeds)}: ± {100.0 * flows.sds[_MODULUS.name]:.2g} %{note}")
+    upper.set_yticks(range(len(labels)), labels)
+    upper.set(ylabel=f"flow rates: ${_MODULUS.latex}$ to", ylim=(len(labels) - 0.5, -0.5))
     speed = _SPEED.scale * np.array([risk.mean_velocity for risk in design.risks])
-    lines = (
+    for name, colour, width, label in (
         ("without_shape", FILL, 6.0, "without a shape in the model"),
         ("below", INK, 1.4, "below the lowest Ca of the model"),
         ("beyond_margin", ACCENT, 1.4, f"above the highest, or nearer to it than {100.0 * design.margin:g} %"),
-    )
-    for name, colour, width, label in lines:
+    ):
         shares = [100.0 * getattr(risk, name) for risk in design.risks]
         lower.plot(speed, shares, color=colour, linewidth=width, label=label)
     lower.axhline(100.0 * design.risk, color="black", linewidth=0.8, linestyle=":")
     lower.set(xscale="log", xlabel=_SPEED.axis_label, ylabel="capsules [%]", ylim=(-4.0, 104.0))
-    lower.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    lower.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+    _plain_numbers(lower.xaxis)
     framed(lower).legend(frameon=False, fontsize=9, loc="upper center")
     framed(upper).grid(axis="x", color=PALE, linewidth=0.5)
     return figure

@@ -1,9 +1,4 @@
-"""Sentences about many capsules: the headline, what they have in common, and the caveats.
-
-Tables of many capsules: their statuses, their medians, what they have in common, and the capsules one by one.
-
-What is printed of many capsules.
-"""
+"""Sentences and tables of many capsules, on the terminal as on their page."""
 
 from __future__ import annotations
 
@@ -133,6 +128,17 @@ def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     )
 
 
+def page_headline(population: Population, distribution: Mapping[str, Any] | ModulusSpread | None) -> str:
+    """Return the first line of the page: with the errors removed, where their distribution is known."""
+    return headline(population) if distribution is None else distribution_headline(distribution)
+
+
+def below(population: Population, distribution: Mapping[str, Any] | ModulusSpread | None) -> list[str]:
+    """Return what stands below that: the medians with the errors in them, and the error of one capsule."""
+    medians = [] if distribution is None else [f"{headline(population)}, with the errors in them."]
+    return [*medians, *filter(None, [width_words(population)])]
+
+
 def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
     """Return the median G_s of the capsules, their spread, each with its 95 % interval, and what the spread is."""
     width = "standard deviation of ln G_s"
@@ -170,12 +176,10 @@ def summary_table(population: Population) -> pd.DataFrame:
     """Return median and quartiles of the medians of the usable capsules, and the error of one capsule."""
     rows = []
     for name, row in population.summary().iterrows():
-        shown = PARAMETERS[str(name)].shown
-        digits = two_digits(shown(row["error"]))
-        middle, low, high, error = together(
-            [shown(row[key]) for key in ("median", "lower_quartile", "upper_quartile", "error")], digits
-        )
-        rows.append((Symbols(PARAMETERS[str(name)].label), middle, f"{low} to {high}", error))
+        parameter = PARAMETERS[str(name)]
+        numbers = [parameter.shown(row[key]) for key in ("median", "lower_quartile", "upper_quartile", "error")]
+        middle, low, high, error = together(numbers, two_digits(numbers[-1]))
+        rows.append((Symbols(parameter.label), middle, f"{low} to {high}", error))
     head = ("", "median", "quartiles", "error of one capsule, 68 %")
     return table(head, rows, title="Of the capsules that can be used", numbers=(1, 2, 3))
 
@@ -221,13 +225,12 @@ def _median(name: str, median: float, low: float, high: float) -> Number:
     if not np.isfinite(median):
         return Number("–", np.nan)
     shown = PARAMETERS[name].shown(median)
-    (text,) = together((shown,), _digits(name, median, low, high))
-    return Number(text, shown)
+    return Number(together((shown,), _digits(name, median, low, high))[0], shown)
 
 
 def _interval(low: float, high: float) -> Number:
     """An interval of G_s, sorted by the ratio of its ends."""
-    if not (np.isfinite(low) and np.isfinite(high)):
+    if not np.isfinite(high - low):
         return Number("–", np.nan)
     digits = _digits(_MODULUS.name, low, low, 0.5 * (low + high))
     return Number(interval_words(_MODULUS.name, low, high, digits), high / low)
@@ -243,10 +246,7 @@ def _is_code(value: str) -> bool:
     return len(value) > 40 and " " not in value.strip()
 
 
-Parts = Iterator[str | pd.DataFrame]
-
-
-def population_parts(population: Population) -> Parts:
+def population_parts(population: Population) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of many capsules."""
     yield Strong(headline(population))
     yield width_words(population)
@@ -255,7 +255,7 @@ def population_parts(population: Population) -> Parts:
     yield summary_table(population)
 
 
-def hierarchy_parts(hierarchy: Hierarchy) -> Parts:
+def hierarchy_parts(hierarchy: Hierarchy) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of the population that the capsules come from."""
     stored = hierarchy.as_dict()
     yield hierarchy_table(stored)

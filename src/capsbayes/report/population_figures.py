@@ -1,29 +1,26 @@
-"""Figures of many capsules: the histogram of G_s, and G_s against a.
-
-The page of many capsules: the histogram of G_s, G_s against a, and the table, worst first.
-"""
+"""Figures and page of many capsules: the histogram of G_s, G_s against a, and the table, worst first."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.infer.hierarchy import ModulusSpread
 from capsbayes.infer.population import Population
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
 from capsbayes.report.numbers import with_unit
 from capsbayes.report.page import drawing, page, picture
-from capsbayes.report.population import capsule_table, hierarchy_table, origin_table, status_table, summary_table
 from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_figure
-from capsbayes.report.tables import html_table, typeset
+from capsbayes.report.tables import typeset
 
 USABLE, OTHERS = "usable-capsules", "other-capsules"
 """Ids of the points of `modulus_against_radius`, which are in the order of the population."""
@@ -32,40 +29,45 @@ _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_rad
 
 
 def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
-    """Draw the medians of G_s as a histogram, and over it the spread with the errors removed.
-
-    Capsules whose intervals cannot be used are left out.
-    """
+    """Draw the medians of G_s of the usable capsules, and over them the spread with the errors removed."""
     figure = new_figure(5.8, 3.6)
     ax = figure.subplots()
-    medians = population[f"{_MODULUS.name}_median"][population.usable]
-    logs = np.log(medians[np.isfinite(medians)])
-    edges = _edges(logs)
-    counts, _ = np.histogram(logs, edges)
+    edges, counts = _bars(population)
     shown = _MODULUS.scale * np.exp(edges)
     ax.stairs(counts, shown, fill=True, facecolor=PALE, edgecolor=INK, linewidth=1.0, label="medians, errors in them")
     for number, count in enumerate(counts):  # unseen, to be pointed at
         ax.bar(shown[number], count, np.diff(shown)[number], align="edge", color=INK, alpha=0.002, gid=f"bar-{number}")
-    if spread is not None and len(logs):
-        _draw_spread(ax, spread, len(logs) * float(edges[1] - edges[0]), edges)
-    _log_scale(ax, "x")
-    ax.set_xlabel(_MODULUS.axis_label)
-    ax.set_ylabel("capsules")
+    if spread is not None and counts.any():
+        _draw_spread(ax, spread, counts.sum() * float(edges[1] - edges[0]), edges)
+    _log_scale(ax.xaxis, ax.set_xscale)
+    ax.set(xlabel=_MODULUS.axis_label, ylabel="capsules")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     legend_below(figure, framed(ax), 3, fontsize=10)
     return figure
 
 
-def bar_words(population: Population) -> dict[str, tuple[str]]:
-    """Return what each bar of the histogram says, by its ``gid``."""
+def _bars(population: Population) -> tuple[Floats, Integers]:
+    """Edges in ln G_s of 6 to 40 bars by the rule of Freedman and Diaconis, and the usable capsules in each."""
     medians = population[f"{_MODULUS.name}_median"][population.usable]
     logs = np.log(medians[np.isfinite(medians)])
-    edges = _edges(logs)
-    counts, _ = np.histogram(logs, edges)
-    ends = [_MODULUS.scale * end for end in np.exp(edges)]
+    if not len(logs):
+        return np.log([1e-3, 1.0]), np.zeros(1, dtype=int)
+    low, high = float(logs.min()), float(logs.max())
+    quartiles = np.quantile(logs, [0.25, 0.75])
+    width = 2.0 * float(quartiles[1] - quartiles[0]) / len(logs) ** (1.0 / 3.0)
+    bars = int(np.clip(np.ceil((high - low) / width) if width > 0.0 else 1, 6, 40))
+    margin = max(0.5 * (high - low) / bars, 0.005)
+    edges = np.linspace(low - margin, high + margin, bars + 1)
+    return edges, np.histogram(logs, edges)[0]
+
+
+def _bar_words(population: Population) -> dict[str, list[str]]:
+    """What each bar of the histogram says, by its ``gid``."""
+    edges, counts = _bars(population)
+    ends = _MODULUS.scale * np.exp(edges)
     return {
-        f"bar-{number}": (f"{low:.3g} to {high:.3g} {_MODULUS.shown_unit}: {count} of {len(logs)} capsules",)
-        for number, (low, high, count) in enumerate(zip(ends[:-1], ends[1:], counts, strict=True))
+        f"bar-{k}": [f"{ends[k]:.3g} to {ends[k + 1]:.3g} {_MODULUS.shown_unit}: {count} of {counts.sum()} capsules"]
+        for k, count in enumerate(counts)
         if count
     }
 
@@ -88,28 +90,15 @@ def modulus_against_radius(population: Population) -> Figure:
         style = {"marker": marker, "linestyle": "none", "color": colour, "markerfacecolor": face, "markersize": 4.0}
         drawn = ax.errorbar(x[0][seen], y[0][seen], **errors, **style, elinewidth=0.7, alpha=0.85, label=label)  # type: ignore[arg-type]
         drawn.lines[0].set_gid(USABLE if marker == "o" else OTHERS)
-    _log_scale(ax, "y")
-    ax.set_xlabel(_RADIUS.axis_label)
-    ax.set_ylabel(_MODULUS.axis_label)
+    _log_scale(ax.yaxis, ax.set_yscale)
+    ax.set(xlabel=_RADIUS.axis_label, ylabel=_MODULUS.axis_label)
     framed(ax)
     if ax.get_legend_handles_labels()[0]:
         legend_below(figure, ax, 2, fontsize=10)
     return figure
 
 
-def _edges(logs: np.ndarray) -> np.ndarray:
-    """Edges of the bars in ln G_s: between 6 and 40 of them, by the rule of Freedman and Diaconis."""
-    if not len(logs):
-        return np.log([1e-3, 1.0])
-    low, high = float(logs.min()), float(logs.max())
-    quartiles = np.quantile(logs, [0.25, 0.75])
-    width = 2.0 * float(quartiles[1] - quartiles[0]) / len(logs) ** (1.0 / 3.0)
-    bars = int(np.clip(np.ceil((high - low) / width) if width > 0.0 else 1, 6, 40))
-    margin = max(0.5 * (high - low) / bars, 0.005)
-    return np.linspace(low - margin, high + margin, bars + 1)
-
-
-def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: np.ndarray) -> None:
+def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: Floats) -> None:
     """The distribution of ln G_s that was fitted, in capsules to a bar, with its 95 % band."""
     reach = 3.0 * float(spread.relative[0])
     middle = float(np.log(spread.median[0]))
@@ -120,7 +109,7 @@ def _draw_spread(ax: Axes, spread: ModulusSpread, area: float, edges: np.ndarray
     ax.fill_between(shown, low, high, color=ACCENT, alpha=0.25, linewidth=0, label="its 95 % band")
 
 
-def _with_errors(population: Population, parameter: Parameter, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _with_errors(population: Population, parameter: Parameter, rows: Booleans) -> tuple[Floats, Floats]:
     """Medians (n,) in the display unit, and the distances (2, n) to the ends of the 68 % intervals."""
     median, low, high = (
         parameter.scale * population[f"{parameter.name}_{kind}"][rows] for kind in ("median", "lower_68", "upper_68")
@@ -128,10 +117,9 @@ def _with_errors(population: Population, parameter: Parameter, rows: np.ndarray)
     return median, np.nan_to_num(np.maximum(np.stack([median - low, high - median]), 0.0))
 
 
-def _log_scale(ax: Axes, axis: str) -> None:
+def _log_scale(scale: Axis, set_scale: Callable[[str], object]) -> None:
     """A logarithmic scale with plain numbers at its ticks, also where it spans less than a decade."""
-    ax.set(**{f"{axis}scale": "log"})
-    scale = ax.xaxis if axis == "x" else ax.yaxis
+    set_scale("log")
     low, high = scale.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high > 8.0 * low else tuple(np.arange(1.0, 10.0, 1.0 if high > 2.0 * low else 0.5))
     scale.set_major_locator(LogLocator(subs=subs, numticks=12))
@@ -155,46 +143,30 @@ def population_page(
     Drawn over the histogram is the spread of G_s with the errors removed, by default that of the population; at most
     `rows` capsules are in the table, and all of them in the file `source`.
     """
-    number, used = len(population), int(population.usable.sum())
     stored = population.attributes.get("hierarchy")
     drawn = spread or ModulusSpread.of_population(population)
-    distribution = spread or stored or drawn
-    left_out = f"The {rows} worst of {number} are shown; the others are in {source or 'the file of the population'}."
     return page(
         "population.html",
-        title=f"{number} capsules",
-        headline=typeset(
-            texts.headline(population) if distribution is None else texts.distribution_headline(distribution)
-        ),
-        below=[typeset(sentence) for sentence in _below(population, distribution is not None) if sentence],
-        ended=texts.status_words(population),
-        caveats=[typeset(sentence) for sentence in (texts.caveats(stored) if stored else ())],
-        all_done=used == number,
-        histogram=_histogram(population, drawn, used),
-        summary=html_table(summary_table(population)),
-        spread="" if distribution is None else typeset(texts.spread_words(distribution)),
-        hierarchy_title=typeset(texts.hierarchy_title(stored)) if stored else "",
-        hierarchy=html_table(hierarchy_table(stored)) if stored else "",
-        shared=typeset(texts.shared_words(stored)) if stored else "",
-        missing=typeset(texts.missing_words(stored)) if stored else "",
+        population=population,
+        texts=texts,
+        stored=stored,
+        distribution=spread or stored or drawn,
+        used=int(population.usable.sum()),
+        histogram=_histogram(population, drawn),
         scatter=_scatter(population),
-        modulus=typeset("G_s"),
-        ratio=typeset("a/l"),
-        left_out=left_out if number > rows else "",
-        rows=html_table(capsule_table(population, most=rows), sortable=True),
-        table=_csv(population, rows),
-        statuses=html_table(status_table(population.counts)),
-        origin=html_table(origin_table(population, source)),
+        most=rows,
+        source=source,
+        csv=_csv(population, rows),
     )
 
 
-def _histogram(population: Population, spread: ModulusSpread | None, used: int) -> Markup:
+def _histogram(population: Population, spread: ModulusSpread | None) -> Markup:
+    used = int(population.usable.sum())
     caption = f"Medians of {used} capsules; the histogram is wider than their spread, for it contains the errors."
     if spread is not None:
         caption = f"Medians of {used} capsules, and how G_s itself differs from capsule to capsule."
-    alternative = "histogram of the shear moduli"
-    figure = modulus_histogram(population, spread)
-    return drawing(figure, alternative, typeset(caption), bar_words(population), fit="narrow")
+    figure, words = modulus_histogram(population, spread), _bar_words(population)
+    return drawing(figure, "histogram of the shear moduli", typeset(caption), words, fit="narrow")
 
 
 def _scatter(population: Population) -> Markup:
@@ -221,17 +193,6 @@ def _point_words(population: Population) -> dict[str, list[str]]:
             for k in np.flatnonzero(drawn & chosen)
         ]
     return said
-
-
-def _headline(population: Population, distribution: Mapping[str, Any] | ModulusSpread | None) -> str:
-    return texts.headline(population) if distribution is None else texts.distribution_headline(distribution)
-
-
-def _below(population: Population, removed: bool) -> Iterator[str]:
-    """Yield what stands below the headline: the medians with the errors in them, and the error of one capsule."""
-    if removed:
-        yield f"{texts.headline(population)}, with the errors in them."
-    yield texts.width_words(population)
 
 
 def _csv(population: Population, most: int) -> str:

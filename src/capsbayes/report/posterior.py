@@ -1,9 +1,4 @@
-"""Sentences about a posterior: whether its intervals can be used, and the caveats.
-
-Tables of a posterior: quantities, error budget, inputs, priors, checks, provenance.
-
-What is printed of one capsule.
-"""
+"""Sentences and tables of a posterior, on the terminal as on its page."""
 
 from __future__ import annotations
 
@@ -20,11 +15,13 @@ from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
 from capsbayes.infer.verdict import LEANING_SHARE, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import interval_words, per_cent, rounded, stated_in, two_digits, unit_of
+from capsbayes.report.numbers import interval_words, marginal_cells, per_cent, rounded, stated_in, two_digits, unit_of
 from capsbayes.report.tables import Code, Strong, Symbols, table
 
+KEPT = 0.9
+"""Width over that of the prior, above which a parameter kept its prior."""
+_TOLD = 0.5  # the same, below which the data tell it
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
-_KEPT, _TOLD = 0.9, 0.5  # of the width of the prior, from which on a coordinate kept it, and below which it is told
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
@@ -77,34 +74,22 @@ def _membrane_words(model: str) -> str:
 
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
-    return [
-        *_other_laws(posterior),
-        *_computation(posterior),
-        *_borders(posterior),
-        *_capsule(posterior),
-        *_coordinates(posterior),
-    ]
+    parts = (_other_laws, _computation, _borders, _capsule, _coordinates)
+    return [sentence for part in parts for sentence in part(posterior)]
 
 
 def agreement_words(posterior: Posterior) -> str:
     """Say how far the two engines agree; empty if only one was used."""
     if posterior.agreement is None:
         return ""
-    return (
-        "By quadrature: the same posterior computed on a grid instead of sampled. "
-        f"{str(posterior.agreement).capitalize()}."
-    )
+    said = str(posterior.agreement).capitalize()
+    return f"By quadrature: the same posterior computed on a grid instead of sampled. {said}."
 
 
 def input_words(name: str) -> str:
     """Return an input of the error budget by its symbol and meaning."""
     parameter = PARAMETERS.get(name)
     return f"{parameter.symbol}, {parameter.meaning}" if parameter else _INPUTS.get(name, name)
-
-
-def _said(name: str) -> str:
-    words = input_words(name)
-    return f"the {words}" if name in _INPUTS else words
 
 
 def later_words(name: str) -> str:
@@ -124,15 +109,15 @@ def budget_sentence(posterior: Posterior) -> str:
         return "What each input contributes to the uncertainty of G_s was not computed."
     name = max(posterior.shares.keys() - {REST}, key=lambda name: posterior.shares[name])
     share = f" ({per_cent(posterior.shares[name])} of the variance of ln G_s)" if add_up(posterior.shares) else ""
-    return f"The largest contribution to the uncertainty of G_s is {_said(name)}{share}."
+    words = f"the {_INPUTS[name]}" if name in _INPUTS else input_words(name)
+    return f"The largest contribution to the uncertainty of G_s is {words}{share}."
 
 
 def _other_laws(posterior: Posterior) -> Iterator[str]:
     if posterior.modulus_over_laws is not None:
         name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
-        ends = interval_words(
-            name, *posterior.modulus_over_laws, two_digits(known.shown(posterior.modulus_over_laws[0]))
-        )
+        digits = two_digits(known.shown(posterior.modulus_over_laws[0]))
+        ends = interval_words(name, *posterior.modulus_over_laws, digits)
         yield (
             f"Another membrane law could give the same lengths with any G_s from {ends} {known.shown_unit}. Choose "
             "'unknown' as the law (on the command line: --membrane unknown) to include this in the interval."
@@ -182,7 +167,7 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():
-        told = "kept its prior" if width > _KEPT else f"is told {'' if width < _TOLD else 'in part '}by the data"
+        told = "kept its prior" if width > KEPT else f"is told {'' if width < _TOLD else 'in part '}by the data"
         yield f"{input_words(name)}, {told}: its 68 % interval is {per_cent(width)} as wide as that of its prior."
     yield (
         f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the membrane known, "
@@ -208,12 +193,10 @@ def quantity_table(posterior: Posterior) -> pd.DataFrame:
     for name, marginal in posterior.marginals.items():
         parameter = PARAMETERS[name]
         digits = two_digits(parameter.shown(marginal.sd))
-        numbers = [marginal.median, *([posterior.reference[name].median] if posterior.reference else [])]
-        numbers += [answer.get(name, math.nan)] if answer else []
-        middle, *others = (rounded(parameter.shown(x), digits) if math.isfinite(x) else "" for x in numbers)
-        limits = (marginal.lower_68, marginal.upper_68), (marginal.lower_95, marginal.upper_95)
-        ends = [interval_words(name, low, high, digits) for low, high in limits]
-        rows.append([Symbols(parameter.label), middle, *ends, *others])
+        others = [posterior.reference[name].median] if posterior.reference else []
+        others += [answer.get(name, math.nan)] if answer else []
+        cells = [rounded(parameter.shown(value), digits) if math.isfinite(value) else "" for value in others]
+        rows.append([Symbols(parameter.label), *marginal_cells(name, marginal), *cells])
     title = f"Posterior by {posterior.engine}: median and equal-tailed intervals"
     return table(head, rows, title=title, numbers=range(1, len(head)))
 
@@ -266,15 +249,10 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
 
 def check_table(posterior: Posterior) -> pd.DataFrame:
     """Return every check of the computation, whether it passed."""
-    rows = [
-        (
-            "passed" if gate.passed else Strong("FAILED"),
-            gate.name,
-            f"{gate.value:.0f}" if abs(gate.value) >= 1e4 else f"{gate.value:.4g}",
-            gate.wanted,
-        )
-        for gate in posterior.gates
-    ]
+    rows = []
+    for gate in posterior.gates:
+        value = f"{gate.value:.0f}" if abs(gate.value) >= 1e4 else f"{gate.value:.4g}"
+        rows.append(("passed" if gate.passed else Strong("FAILED"), gate.name, value, gate.wanted))
     return table(("", "check", "found", "wanted"), rows, title="Checks of the computation", numbers=(2,))
 
 
@@ -303,15 +281,11 @@ def _with_error(name: str, stated: dict[str, Any]) -> tuple[str, str]:
     return Symbols(f"{value:.{digits}f} ± {error:.{digits}f}{unit}"), f"{100.0 * error / value:.2g} %"
 
 
-Parts = Iterator[str | pd.DataFrame]
-
-
-def posterior_parts(posterior: Posterior) -> Parts:
+def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of a posterior."""
     yield quantity_table(posterior)
     yield agreement_words(posterior)
-    budget = budget_table(posterior)
-    yield "" if budget is None else budget
+    yield "" if (budget := budget_table(posterior)) is None else budget
     yield budget_sentence(posterior)
     if posterior.expected_log_modulus_sds:
         yield narrowing_table(posterior)

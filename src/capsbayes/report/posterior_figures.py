@@ -1,26 +1,18 @@
-"""Corner plot of a posterior: every pair of quantities, and each alone.
-
-The capsule in its channel: predicted outline with its band, and the lengths that were measured.
-
-The picture of a capsule with the outline over it that its posterior predicts.
-
-The page of one capsule's posterior.
-"""
+"""Figures and page of one capsule: corner plot, outline in the channel, and outline over the picture."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import corner
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
-from scipy.ndimage import gaussian_filter
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
@@ -33,126 +25,74 @@ from capsbayes.report import posterior as texts
 from capsbayes.report.numbers import two_digits, unit_of, value_words
 from capsbayes.report.page import image, page, picture
 from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure
-from capsbayes.report.tables import html_table, typeset
 
 if TYPE_CHECKING:
     from capsbayes.image.detect import Detection
 
-
 SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
-LEVELS = (0.68, 0.95)
 
-_MOST_DRAWS = 20_000  # more make the picture no smoother
-_BINS, _SMOOTHED = 36, 0.8  # of a quantity; bins over which the densities are smoothed
-_PANEL, _GAP = 2.0, 0.1  # inches
-_BELOW, _ABOVE = 1.05, 0.45  # inches, of the labels of the axes and of the titles
+_MOST_DRAWS = 20_000  # more make the corner plot no smoother
+_CORNER = {
+    "bins": 36,
+    "smooth": 0.8,
+    "smooth1d": 0.8,
+    "color": INK,
+    "levels": (0.68, 0.95),
+    "plot_datapoints": False,
+    "no_fill_contours": True,
+    "fill_contours": True,
+    "contourf_kwargs": {"colors": ["white", FILL, PALE]},
+    "label_kwargs": {"fontsize": 12},
+    "labelpad": 0.04,
+    "max_n_ticks": 4,
+    "quiet": True,
+}
+_THICKNESS = 0.14  # of the walls, over l
+_DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
+_TOP = 1.8  # of the picture of the outline, over l
+_PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
+_AROUND = 1.25  # of the photograph that is shown, either side of the axis, over l
+_BAR = 0.25  # of the photograph's width, at most
+_OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
+_WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
 
 
 def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
-    """Draw the corner plot.
+    """Draw every pair of quantities with 68 % and 95 % contours, and each alone with median and 68 % interval.
 
-    Contours hold 68 % and 95 % of the probability; dashed lines are the median
-    and the equal-tailed 68 % interval, which the titles give in numbers. The
-    paper's deterministic answer is marked if it is known. The label of each axes
-    is the name of its quantity, or of the two of its pair, that on the y axis first.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    names : sequence of str
-        Quantities, as in `capsbayes.parameters`; those that the posterior lacks are omitted.
+    The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
+    each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     """
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
-    draws = [parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown]
-    draws = [values[:: max(1, len(values) // _MOST_DRAWS)] for values in draws]
-    size = len(shown) * (_PANEL + _GAP) - _GAP + _BELOW + _ABOVE
-    figure = new_figure(size, size, layout=None)
-    places = figure.add_gridspec(
-        len(shown),
-        len(shown),
-        left=_BELOW / size,
-        bottom=_BELOW / size,
-        right=1.0 - _ABOVE / size,
-        top=1.0 - _ABOVE / size,
-        wspace=_GAP / _PANEL,
-        hspace=_GAP / _PANEL,
-    )
-    for row, first in enumerate(shown):
-        for column, second in enumerate(shown[:row]):
-            ax = figure.add_subplot(places[row, column], label=f"{first.name} {second.name}")
-            _draw_pair(ax, draws[column], draws[row])
-            _label_axes(ax, second, first, left=column == 0, bottom=row == len(shown) - 1)
-        ax = figure.add_subplot(places[row, row], label=first.name)
-        marginal = posterior.marginals[first.name]
-        ends = marginal.lower_68, marginal.median, marginal.upper_68
-        _draw_alone(ax, draws[row], [first.shown(end) for end in ends])
-        _label_axes(ax, first, None, left=False, bottom=row == len(shown) - 1)
-        ax.set_title(_title(first, marginal), fontsize=11)
-    if posterior.deterministic is not None:
-        _mark_deterministic(figure, posterior.deterministic.as_dict())
+    draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
+    draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
+    lows, highs = draws.min(axis=0), draws.max(axis=0)
+    margins = np.where(lows < highs, 0.0, 0.5)  # of a quantity without spread
+    ends = list(zip(lows - margins, highs + margins, strict=True))
+    answer = posterior.deterministic and posterior.deterministic.as_dict()
+    figure = new_figure(2.1 * len(shown) + 1.3, 2.1 * len(shown) + 1.3, layout=None)
+    corner.corner(draws, fig=figure, range=ends, labels=[parameter.axis_label for parameter in shown], **_CORNER)
+    for place, ax in enumerate(figure.axes):
+        row, column = divmod(place, len(shown))
+        up, across = shown[row], shown[column]
+        if column > row:
+            ax.remove()
+        elif column < row:
+            ax.set_label(f"{up.name} {across.name}")
+            if answer:
+                ax.plot(across.shown(answer[across.name]), up.shown(answer[up.name]), "D", color=ACCENT, markersize=5)
+        else:
+            ax.set_label(up.name)
+            marginal = posterior.marginals[up.name]
+            ax.set_title(_title(up, marginal), fontsize=11)
+            lines = [up.shown(end) for end in (marginal.lower_68, marginal.median, marginal.upper_68)]
+            ax.vlines(lines, 0.0, 1.0, transform=ax.get_xaxis_transform(), colors=INK, linestyles="dashed")
+            if answer:
+                line = ax.axvline(up.shown(answer[up.name]), color=ACCENT, linewidth=1.4)
+    if answer:
+        words = "deterministic answer (diffuse approximation)"
+        figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
     return figure
-
-
-def density_levels(density: Floats, shares: Sequence[float] = LEVELS) -> Floats:
-    """Return the densities above which cells hold shares of the probability, the largest share first.
-
-    Parameters
-    ----------
-    density : array
-        Of equal cells; need not sum to one.
-    shares : sequence of float
-        Increasing, each between 0 and 1.
-    """
-    ordered = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(ordered) / ordered.sum()
-    return np.asarray(ordered[np.searchsorted(held, shares)[::-1]])
-
-
-def _draw_pair(ax: Axes, x: Floats, y: Floats) -> None:
-    edges = [np.histogram_bin_edges(values, _BINS) for values in (x, y)]  # from the smallest draw to the largest
-    density = gaussian_filter(np.histogram2d(x, y, bins=edges)[0], _SMOOTHED).T
-    levels = np.unique([*density_levels(density), 1.001 * density.max()])
-    # a contour ends at the frame where a limit of the model or of a prior cuts the density off
-    middles = [0.5 * (of[1:] + of[:-1]) for of in edges]
-    ax.contourf(*middles, density, levels, colors=[FILL, PALE])
-    ax.contour(*middles, density, levels[:-1], colors=INK, linewidths=1.2)
-    ax.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]])
-
-
-def _draw_alone(ax: Axes, values: Floats, lines: Sequence[float]) -> None:
-    counts, edges = np.histogram(values, bins=_BINS)
-    density = gaussian_filter(counts.astype(float), _SMOOTHED)
-    ax.stairs(density, edges, color=INK, linewidth=1.5)
-    ax.vlines(lines, 0.0, 1.0, transform=ax.get_xaxis_transform(), colors=INK, linestyles="dashed", linewidths=1.2)
-    ax.set(xlim=edges[[0, -1]], ylim=(0.0, 1.08 * density.max()), yticks=[])
-
-
-def _label_axes(ax: Axes, across: Parameter, up: Parameter | None, *, left: bool, bottom: bool) -> None:
-    """Give axes few ticks, with numbers and labels at the left and the lower side of the whole figure only."""
-    ax.xaxis.set_major_locator(MaxNLocator(4, prune="lower"))
-    ax.tick_params("x", rotation=45, labelbottom=bottom)
-    if bottom:
-        ax.set_xlabel(across.axis_label, fontsize=12)
-        ax.xaxis.set_label_coords(0.5, -0.34)
-    if up is None:
-        return
-    ax.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
-    ax.tick_params("y", rotation=45, labelleft=left)
-    if left:
-        ax.set_ylabel(up.axis_label, fontsize=12)
-        ax.yaxis.set_label_coords(-0.34, 0.5)
-
-
-def _mark_deterministic(figure: Figure, answer: Mapping[str, float]) -> None:
-    for ax in figure.axes:
-        match str(ax.get_label()).split():
-            case [name]:
-                line = ax.axvline(PARAMETERS[name].shown(answer[name]), color=ACCENT, linewidth=1.4)
-            case [first, second]:
-                x, y = PARAMETERS[second].shown(answer[second]), PARAMETERS[first].shown(answer[first])
-                ax.plot(x, y, "D", color=ACCENT, markersize=5)
-    words = "deterministic answer (diffuse approximation)"
-    figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
 
 
 def _title(parameter: Parameter, marginal: Marginal) -> str:
@@ -163,20 +103,13 @@ def _title(parameter: Parameter, marginal: Marginal) -> str:
     return f"${parameter.latex} = {middle:.{digits}f}{errors}${unit_of(parameter)}"
 
 
-_INSIDE = "#f3f8fb"
-_THICKNESS = 0.14
-_DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
-_TOP = 1.8  # of the picture, over l
-
-
 def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
     """Draw `outline_plot` alone on a figure of a width [inch] that fits it."""
     left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
     figure = new_figure(width, width, layout=None)
     ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))
-    (z_low, z_high), (y_low, y_high) = ax.get_xlim(), ax.get_ylim()
     wide = width - left - right
-    high = wide * (y_high - y_low) / (z_high - z_low)
+    high = wide * np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim())
     height = high + bottom + top
     figure.set_size_inches(width, height)
     ax.set_position((left / width, bottom / height, wide / width, high / height))
@@ -184,17 +117,10 @@ def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
 
 
 def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
-    """Draw the predicted outline between the walls, lengths over l, with a scale in micrometres.
+    """Draw the mean predicted outline between the walls with its 95 % band along the normal, all over l.
 
-    The line is the mean outline, the band holds 95 % of the posterior along
-    the normal. The points of a measured outline are shifted and turned onto
-    it. The measured lengths are arrows that start at the predicted
-    nose; their ends are shaded over two standard errors either side.
-
-    Raises
-    ------
-    InputError
-        If the model predicts no outlines.
+    The points of a measured outline are shifted and turned onto it. The measured lengths are arrows that start at the
+    predicted nose; their ends are shaded over two standard errors either side.
     """
     if posterior.outlines is None:
         raise InputError("outline_plot", "posterior", "a posterior with outlines", f"none from {posterior.model_name}")
@@ -205,7 +131,7 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     for side in (-1.0, 1.0):
         ax.plot(ends, [side, side], color="#555555", linewidth=1.2)
     ax.fill(*closed(outer).T, color=PALE, linewidth=0, label="95 % of the posterior", zorder=2)
-    ax.fill(*closed(inner).T, color=_INSIDE, linewidth=0, zorder=2.1)
+    ax.fill(*closed(inner).T, color="#f3f8fb", linewidth=0, zorder=2.1)
     seen = posterior.measurement.outline
     shown = "outline" if seen is None or seen.view == MID_PLANE else seen.view
     ax.plot(*closed(middle).T, color=INK, linewidth=1.6, label=f"predicted {shown}", zorder=3)
@@ -213,7 +139,7 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
         measured, _ = aligned_with(seen.points, middle)
         ax.plot(*measured.T, ".", color=ACCENT, markersize=2.0, label="measured outline", zorder=4)
     _draw_lengths(ax, posterior, nose)
-    _finish(ax, posterior, ends)
+    _label_outline(ax, posterior, ends)
     return ax
 
 
@@ -229,8 +155,8 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
         rear, ends = nose - length, [height - 0.09, height + 0.09]
         ax.annotate("", (rear, height), (nose, height), arrowprops=arrow, zorder=5)
         label = "measured, ±2 standard errors" if height else None
-        shade: dict[str, Any] = {"color": ACCENT, "alpha": 0.3, "linewidth": 0, "zorder": 4, "label": label}
-        ax.fill_betweenx(ends, rear - 2 * error, rear + 2 * error, **shade)
+        sides = rear - 2 * error, rear + 2 * error
+        ax.fill_betweenx(ends, *sides, color=ACCENT, alpha=0.3, linewidth=0, zorder=4, label=label)
         text = rf"$L_{{\mathrm{{{symbol}}}}}/\ell = {length:.3f} \pm {error:.3f}$"
         middle = nose - 0.5 * length, height + 0.05
         ax.text(*middle, text, color=ACCENT, ha="center", va="bottom", fontsize=12, zorder=6)
@@ -238,7 +164,7 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
         ax.plot([z, z], [low, _DIMENSION_LINE + 0.06], ":", color=ACCENT, linewidth=1.0, zorder=1.5)
 
 
-def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
+def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     """Label the axes and say the direction of the flow and the medians."""
     micrometres = 1e6 * posterior.inputs.half_width.value
     arrow = {"arrowstyle": "-|>", "color": "#555555"}
@@ -269,62 +195,48 @@ def _finish(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     )
 
 
-_PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
-_AROUND = 1.25  # of the picture that is shown, either side of the axis, over l
-_BAR = 0.25  # of the picture's width, at most
-
-
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
-    """Draw the predicted outline over the picture that the capsule was measured in.
+    """Draw the predicted outline over the picture that the capsule was measured in, at a width in inches.
 
     Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose. Returns None if
-    no single capsule between two walls is found, or the model predicts no outlines. The width is in inches.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no picture.
+    no single capsule between two walls is found, or the model predicts no outlines.
     """
     from capsbayes.image.files import Picture
     from capsbayes.image.measure import detect
 
     seen = Picture.read(picture)
     detection = detect(seen)
-    if posterior.outlines is None or not detection.status.ok or detection.walls is None or detection.outline is None:
+    walls = detection.walls
+    if posterior.outlines is None or not detection.status.ok or walls is None or detection.outline is None:
         return None
     rows, columns = seen.shape
-    walls = detection.walls
-    top, bottom = (walls.centre_row + side * _AROUND * walls.half_width for side in (-1.0, 1.0))
-    top, bottom = max(top, 0.0), min(bottom, rows - 1.0)
-    figure = new_figure(width, width * (bottom - top) / columns + 0.4, layout=None)
-    ax = figure.add_axes((0.0, 0.4 / figure.get_figheight(), 1.0, 1.0 - 0.4 / figure.get_figheight()))
-    ax.imshow(seen.grey, cmap="gray", interpolation="nearest")
+    top = max(walls.centre_row - _AROUND * walls.half_width, 0.0)
+    bottom = min(walls.centre_row + _AROUND * walls.half_width, rows - 1.0)
+    figure, ax = _photograph_alone(seen.grey, width, width * (bottom - top) / columns, 0.4)
     predicted = on_picture(band(posterior.outlines)[0], detection)
     ax.plot(*closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
     ax.plot(*closed(detection.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
     _draw_bar(ax, walls.half_width / posterior.inputs.half_width.value, columns, bottom)
     ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
-    ax.set_axis_off()
     figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)
     return figure
 
 
 def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
-    """Draw a picture alone, in grey, at a width in inches.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no picture.
-    """
+    """Draw a picture alone, in grey, at a width in inches."""
     from capsbayes.image.files import Picture
 
     grey = Picture.read(picture).grey
-    figure = new_figure(width, width * grey.shape[0] / grey.shape[1], layout=None)
-    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    return _photograph_alone(grey, width, width * grey.shape[0] / grey.shape[1])[0]
+
+
+def _photograph_alone(grey: Floats, width: float, height: float, below: float = 0.0) -> tuple[Figure, Axes]:
+    """A figure that a grey picture fills, but for a margin below; all in inches."""
+    figure = new_figure(width, height + below, layout=None)
+    ax = figure.add_axes((0.0, below / (height + below), 1.0, 1.0 - below / (height + below)))
     ax.imshow(grey, cmap="gray", interpolation="nearest")
     ax.set_axis_off()
-    return figure
+    return figure, ax
 
 
 def on_picture(outline: Floats, detection: Detection) -> Floats:
@@ -354,50 +266,26 @@ def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
     text.set_bbox({"facecolor": "black", "alpha": 0.6, "pad": 1.5, "linewidth": 0})
 
 
-_OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
-_WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
-
-
 def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
     """Return a posterior as a whole page in HTML, with the pictures of `capsule_pictures` within it."""
-    shown = [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN if name in posterior.marginals]
-    names = (*SHOWN, *posterior.prior.uncertain)
     caption = "Every pair: contours hold 68 % and 95 % of the probability. Each alone: median and 68 % interval."
+    figure = corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
     source = posterior.measurement.source
-    name = Path(source).name if source else "without a name"
     return page(
         "posterior.html",
-        title=f"Capsule {name}",
-        name=name,
-        headlines=shown,
-        status=texts.status_words(posterior),
-        ok=posterior.status.ok,
-        caveats=[typeset(sentence) for sentence in texts.caveats(posterior)],
+        posterior=posterior,
+        texts=texts,
+        name=Path(source).name if source else "without a name",
+        headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
         pictures=list(capsule_pictures(posterior, capsule, folder)),
-        quantities=html_table(texts.quantity_table(posterior)),
-        agreement=texts.agreement_words(posterior),
-        deterministic=posterior.deterministic is not None,
-        corner=picture(corner_plot(posterior, names), "corner plot of the posterior", caption, fit="scroll"),
-        budget_sentence=typeset(texts.budget_sentence(posterior)),
-        budget="" if (budget := texts.budget_table(posterior)) is None else html_table(budget),
-        modulus=typeset("G_s"),
-        narrowing=html_table(texts.narrowing_table(posterior)) if posterior.expected_log_modulus_sds else "",
-        inputs=html_table(texts.input_table(posterior)),
-        priors=html_table(texts.prior_table(posterior)),
-        gates=html_table(texts.check_table(posterior)),
-        origin=html_table(texts.origin_table(posterior)),
+        corner=picture(figure, "corner plot of the posterior", caption, fit="scroll"),
     )
 
 
 def capsule_pictures(
     posterior: Posterior, capsule: str | Path | None = None, folder: Path | None = None
 ) -> Iterator[Markup]:
-    """Yield the pictures of a capsule, as many as there are.
-
-    The photograph is by default that of the measurement, if it is still there unchanged; the folder is that with the
-    ``overlay.png`` that was drawn when the capsule was measured, if there is one. Where the walls were stated by hand,
-    only that shows them.
-    """
+    """Yield the pictures of a capsule; the folder is that of the ``overlay.png`` of its measurement."""
     yield from _photograph(posterior, capsule, folder)
     if posterior.outlines is not None:
         caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
@@ -407,16 +295,15 @@ def capsule_pictures(
 
 def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
     """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
-    if posterior.measurement.walls:  # they would be sought in the picture again, and others found
-        yield from _overlay(posterior, folder)
-        return
+    figure, by_hand = None, posterior.measurement.walls  # walls by hand: others would be found in the picture again
     known = _measured_in(posterior) if capsule is None else Path(capsule)
-    figure = None if known is None else picture_figure(posterior, known, width=_WIDTH)
+    if known is not None and not by_hand:
+        figure = picture_figure(posterior, known, width=_WIDTH)
     if known is not None and figure is not None:
         caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
         alternative = "picture of the capsule with measured and predicted outline"
         yield picture(figure, alternative, caption, png=True, fit="narrow")
-    elif capsule is not None:
+    elif capsule is not None and not by_hand:
         caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
         yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True, fit="narrow")
     else:
@@ -426,14 +313,13 @@ def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path |
 def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
     """The picture with the detected capsule, from the folder of the result or of the measurement."""
     source = posterior.measurement.source
-    folders = [place for place in (folder, Path(source).parent if source else None) if place is not None]
-    for place in filter(Path.is_file, (place / _OVERLAY for place in folders)):
+    folders = [folder, Path(source).parent if source else None]
+    drawn = next((place / _OVERLAY for place in folders if place and (place / _OVERLAY).is_file()), None)
+    if drawn is not None:
         caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
-        if posterior.measurement.walls:
-            caption += " Dashed walls and a dotted axis were stated by hand."
+        caption += " Dashed walls and a dotted axis were stated by hand." * bool(posterior.measurement.walls)
         alternative = "picture of the capsule with what was found in it"
-        yield image(place.read_bytes(), "png", alternative, caption, fit="narrow")
-        return
+        yield image(drawn.read_bytes(), "png", alternative, caption, fit="narrow")
 
 
 def _measured_in(posterior: Posterior) -> Path | None:

@@ -1,9 +1,4 @@
-"""Sentences about a study of a session: its verdict, its caveats, and short texts for its tables.
-
-Tables of a study: the deviations, the candidates, and the held-out capsules before and after.
-
-What is printed of a study.
-"""
+"""Sentences and tables of a study, on the terminal as on its page: verdict, deviations, candidates, held-out ones."""
 
 from __future__ import annotations
 
@@ -35,24 +30,20 @@ ALONE = {NOTHING: "no effect", UNKNOWN: "something else"}
 """Explanations that are no effects of the catalogue."""
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
+_OTHERS = {
+    NOTHING: "none",
+    UNKNOWN: "something else: any smooth deformation that depends on the capsule, or a trend of G_s",
+}
+_SHOWN = 5  # effects on the terminal at least; a page has all of them
 _NOISIER = 1.1  # noise over the stated one, from which it is said
 _MANY = 1e3  # odds beyond which no number is trusted: it would be that of the tails of the stated noise
 
 
 def opening(study: Study) -> list[str]:
     """Return the sentences that a study begins with: verdict, probabilities, range of G_s, and what the data lack."""
-    said = (
-        verdict_sentence(study),
-        limits_words(study),
-        probabilities_words(study),
-        session_modulus_words(study),
-        modulus_words(study),
-        noise_words(study),
-        outlier_words(study),
-        lengths_alone(study.session),
-        not_testable_words(study),
-    )
-    return [words for words in said if words]
+    of_study = (limits_words, probabilities_words, session_modulus_words, modulus_words, noise_words, outlier_words)
+    further = [*(words(study) for words in of_study), lengths_alone(study.session), not_testable_words(study)]
+    return [verdict_sentence(study), *filter(None, further)]
 
 
 def verdict_sentence(study: Study) -> str:
@@ -102,18 +93,16 @@ def limits_words(study: Study) -> str:
 
 def session_modulus_words(study: Study) -> str:
     """Say the median G_s of the session with its interval; empty where no capsule was compared."""
-    found = study.surface_shear_modulus
-    if not math.isfinite(found.median):
+    modulus = study.surface_shear_modulus
+    if not math.isfinite(modulus.median):
         return ""
-    median, low, high = (_MODULUS.shown(value) for value in (found.median, found.low, found.high))
+    median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
     those = {
         Verdict.NAMED: "the uncertainty of the effect's size and of the viscosity",
         Verdict.AMBIGUOUS: "the uncertainty of which effect it is, of its size and of the viscosity",
     }.get(study.verdict, "what the effects that were tried could do, and the uncertainty of the viscosity")
-    return (
-        f"Median G_s of the session: {median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g}), including "
-        f"{those}."
-    )
+    interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
+    return f"Median G_s of the session: {interval}, including {those}."
 
 
 def noise_words(study: Study) -> str:
@@ -136,9 +125,8 @@ def outlier_words(study: Study) -> str:
         outliers += study.verification.comparisons[0].outliers
     if not outliers:
         return ""
-    return (
-        f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {', '.join(outliers)}."
-    )
+    names = ", ".join(outliers)
+    return f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
 
 
 def _explanation(named: list[Scores]) -> str:
@@ -245,6 +233,17 @@ def origin_words(study: Study) -> str:
     )
 
 
+def again_words(study: Study, name: str) -> str:
+    """Return the amplitude of a deviation in the held-out capsules."""
+    assert study.second_finding is not None, "of held-out capsules"
+    return next((deviation_words(one) for one in study.second_finding.deviations if one.name == name), "not there")
+
+
+def verified_words(study: Study) -> str:
+    """Return the effects whose sizes the held-out capsules verify."""
+    return " and ".join(step.best.effect.name for step in study.steps if step.in_question)
+
+
 def question_words(study: Study, name: str) -> str:
     """Say whether a candidate may be what is missing: yes, no, or that the data allow all of its sizes alike."""
     if name not in study.all_probabilities or np.ptp(study.scores[name].total) < TWO_SIGMA:
@@ -279,12 +278,12 @@ def probability_words(probability: float) -> str:
 
 def probabilities_words(study: Study) -> str:
     """Say the probabilities of the likeliest effect, of something else, and of nothing; empty if none were compared."""
-    found = study.all_probabilities
-    if not found:
+    known = study.all_probabilities
+    if not known:
         return ""
-    named = [name for name in study.names[:1] if name in found] or [name for name in found if name not in ALONE][:1]
-    words = [f"{study.candidates[name].name} {probability_words(found[name])}" for name in named]
-    words += [f"{ALONE[other]} {probability_words(found[other])}" for other in (UNKNOWN, NOTHING)]
+    named = [name for name in study.names[:1] if name in known] or [name for name in known if name not in ALONE][:1]
+    words = [f"{study.candidates[name].name} {probability_words(known[name])}" for name in named]
+    words += [f"{ALONE[other]} {probability_words(known[other])}" for other in (UNKNOWN, NOTHING)]
     which = "all capsules" if study.by_all else "one half of the capsules"
     return f"Probabilities by {which}, each effect alone: {', '.join(words)}."
 
@@ -306,18 +305,9 @@ def p_value_words(p_value: float) -> str:
     return f"{share:.0f} %" if share >= 9.5 else f"{share:.2g} %"
 
 
-_SOMETHING_ELSE = "something else: any smooth deformation that depends on the capsule, or a trend of G_s"
-_OTHERS = {NOTHING: "none", UNKNOWN: _SOMETHING_ELSE}
-_UNSEEN = "cannot be tested"
-_SHOWN = 5  # effects on the terminal at least; a page has all of them
-
-
 def finding_table(finding: Finding) -> pd.DataFrame:
     """Return every deviation that was tested, the most surprising first."""
-    rows = [
-        (Symbols(deviation.name), deviation_words(deviation), p_value_words(deviation.p_value))
-        for deviation in finding.deviations
-    ]
+    rows = [(Symbols(one.name), deviation_words(one), p_value_words(one.p_value)) for one in finding.deviations]
     title = f"Deviations of {finding.capsules} capsules from the model"
     return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
 
@@ -335,10 +325,8 @@ def candidate_table(study: Study) -> pd.DataFrame:
             rows.append((_named(study, name), f"{scores.log_likelihood_ratio:.1f}", *odds, size, modulus, verdict))
         else:
             rows.append((_OTHERS[name], "", *odds, "", "", ""))
-    head = (
-        *("effect", "log-likelihood ratio", "probability", "odds relative to no effect", "size"),
-        *(Symbols("median G_s"), "candidate?"),
-    )
+    head = ["effect", "log-likelihood ratio", "probability", "odds relative to no effect", "size"]
+    head += [Symbols("median G_s"), "candidate?"]
     return table(head, rows, title="Effects that were tried", numbers=(1,))
 
 
@@ -365,13 +353,8 @@ def likeliest_table(study: Study) -> tuple[pd.DataFrame, list[str]]:
 def meaning_table(study: Study) -> pd.DataFrame:
     """Return what each candidate does, and what would distinguish it from the others."""
     rows = [
-        (
-            _named(study, name),
-            scores.effect.kind.value,
-            Symbols(scores.effect.changes),
-            Symbols(scores.effect.separated_by),
-        )
-        for name, scores in study.scores.items()
+        (_named(study, name), effect.kind.value, Symbols(effect.changes), Symbols(effect.separated_by))
+        for name, effect in ((name, scores.effect) for name, scores in study.scores.items())
     ]
     head = ("effect", "kind", "what it changes", "what would distinguish it")
     return table(head, rows, title="What the effects change")
@@ -383,36 +366,21 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
     gaps = [_finite(1e6 * gap, ".3f", " µm", "no outlines") for gap in verification.gaps]
     noise = [_finite(finding.noise, ".2f", " σ", "nothing is left over") for finding in findings]
     before, after = (half.median_modulus for half in verification.comparisons)
+    deviations = [each.deviations[0] if each.deviations else None for each in findings]
+    largest = [Symbols(f"{one.name}: {deviation_words(one)}") if one else "" for one in deviations]
+    score = f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}"
+    ratios = verification.log_likelihood_ratios
     rows = [
         ("gap: rms distance of measured and predicted edge", *gaps),
         ("the same over the noise, correlations counted", *noise),
-        (
-            "largest deviation",
-            *("" if not each.deviations else _largest(each.deviations[0]) for each in findings),
-        ),
+        ("largest deviation", *largest),
         ("its p-value (residual p-value)", *map(largest_p_value, findings)),
-        (
-            "log score per capsule, over that before",
-            "0",
-            f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}",
-        ),
-        ("the same, sum of all capsules", "0", f"{float(verification.log_likelihood_ratios.sum()):+.1f}"),
+        ("log score per capsule, over that before", "0", score),
+        ("the same, sum of all capsules", "0", f"{float(ratios.sum()):+.1f}"),
         ("the same of something else, seen in the first half", "", f"{verification.of_something_else:+.1f}"),
-        (
-            Symbols("median G_s"),
-            _modulus(before),
-            f"{_modulus(after)} ({100.0 * (after / before - 1.0):+.1f} %)",
-        ),
+        (Symbols("median G_s"), _modulus(before), f"{_modulus(after)} ({100.0 * (after / before - 1.0):+.1f} %)"),
     ]
-    return table(
-        (f"{len(verification.log_likelihood_ratios)} held-out capsules", "before", "after"),
-        rows,
-        title="Held-out capsules",
-    )
-
-
-def _largest(deviation: Deviation) -> Symbols:
-    return Symbols(f"{deviation.name}: {deviation_words(deviation)}")
+    return table((f"{len(ratios)} held-out capsules", "before", "after"), rows, title="Held-out capsules")
 
 
 def limits_table(study: Study) -> pd.DataFrame | None:
@@ -453,8 +421,8 @@ def _modulus(value: float) -> str:
 
 
 def _probability(study: Study, name: str) -> Symbols:
-    found = study.all_probabilities
-    return Symbols(probability_words(found[name]) if name in found else _UNSEEN)
+    known = study.all_probabilities
+    return Symbols(probability_words(known[name]) if name in known else "cannot be tested")
 
 
 def _named(study: Study, name: str) -> str:
@@ -462,10 +430,7 @@ def _named(study: Study, name: str) -> str:
     return Strong(effect) if name in study.names else effect
 
 
-Parts = Iterator[str | pd.DataFrame]
-
-
-def study_parts(study: Study) -> Parts:
+def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of a study."""
     verdict, *further = opening(study)
     yield from (Strong(verdict), *further)

@@ -1,22 +1,17 @@
-"""Figures of a study: the candidates, and the shear moduli against velocity, size and effect.
-
-Figures of the outlines of a study: the mean residual along the outline, and held-out capsules one by one.
-
-The page of a study: the verdict, the deviations, the candidates, and the held-out capsules.
-"""
+"""Figures and page of a study: the residuals along the outline, the candidates, the trends of G_s, what is held out."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-import capsbayes
 from capsbayes.arrays import Floats
 from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Study, Verdict, Verification
 from capsbayes.diagnosis.finding import TRENDS
@@ -27,7 +22,7 @@ from capsbayes.report import study as texts
 from capsbayes.report.page import page, picture
 from capsbayes.report.study import deviation_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure
-from capsbayes.report.tables import html_table, typeset
+from capsbayes.report.tables import typeset
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
@@ -75,16 +70,8 @@ def misfits(compared: Comparison) -> Figure:
     ca, size, misfit = np.exp(compared.fits.theta[:, 0]), compared.fits.theta[:, 1], compared.misfit
     known, ill = np.isfinite(misfit), compared.fits.ill
     largest = max(2.0, float(misfit[known].max()))
-    shown = ax.scatter(
-        ca[known],
-        size[known],
-        c=misfit[known],
-        cmap="RdBu_r",
-        norm=TwoSlopeNorm(1.0, 0.0, largest),
-        s=60,
-        edgecolors=INK,
-        linewidths=0.6,
-    )
+    colours: dict[str, Any] = {"c": misfit[known], "cmap": "RdBu_r", "norm": TwoSlopeNorm(1.0, 0.0, largest)}
+    shown = ax.scatter(ca[known], size[known], s=60, edgecolors=INK, linewidths=0.6, **colours)
     ax.plot(ca[ill], size[ill], "x", color=INK, markersize=10)
     ax.set_xscale("log")
     ax.set(xlabel=PARAMETERS["capillary_number"].axis_label, ylabel=_SIZE.axis_label)
@@ -93,23 +80,19 @@ def misfits(compared: Comparison) -> Figure:
 
 
 def trends(compared: Comparison, finding: Finding) -> Figure:
-    """Draw the apparent G_s of each capsule against velocity and size: that of a right model depends on neither.
-
-    The slopes are those of the finding.
-    """
+    """Draw the apparent G_s of each capsule against velocity and size, with the slopes of the finding."""
     figure = new_figure(10.0, 3.8)
     left, right = figure.subplots(1, 2, sharey=True)
     slopes = {deviation.name: deviation for deviation in finding.deviations}
     done = compared.fits.settled
     values, errors = (_MODULUS.scale * each[done] for each in (compared.modulus, compared.modulus_error))
     velocity, size = compared.session.circumstances["capsule_velocity"][done], compared.fits.size[done]
+    bars = {"fmt": "o", "markersize": 4, "color": INK, "ecolor": PALE, "elinewidth": 1.0, "label": "capsules"}
     for ax, places, shown, trend, symbol in (
         (left, np.log(velocity), _VELOCITY.scale * velocity, "velocity", r"\ln v_\mathrm{o}"),
         (right, size, size, "size", r"(a/\ell)"),
     ):
-        ax.errorbar(
-            shown, values, errors, fmt="o", markersize=4, color=INK, ecolor=PALE, elinewidth=1.0, label="capsules"
-        )
+        ax.errorbar(shown, values, errors, **bars)
         slope = slopes.get(TRENDS[trend])
         if slope is None:
             ax.set_title("too few values to see a trend", fontsize=10)
@@ -119,22 +102,17 @@ def trends(compared: Comparison, finding: Finding) -> Figure:
         line = _VELOCITY.scale * np.exp(ends) if ax is left else ends
         ax.fill_between(line, low, high, color=ACCENT, alpha=0.2, linewidth=0)
         ax.plot(line, centre, color=ACCENT, linewidth=1.5, label="fitted slope ± standard error")
-        ax.set_title(
-            rf"$d \ln G_\mathrm{{s}} / d {symbol}$ = {slope.size:+.2f} ± {slope.error:.2f} ({slope.sigma:+.1f} σ)",
-            fontsize=10,
-        )
+        fitted = f"{slope.size:+.2f} ± {slope.error:.2f} ({slope.sigma:+.1f} σ)"
+        ax.set_title(rf"$d \ln G_\mathrm{{s}} / d {symbol}$ = {fitted}", fontsize=10)
         ax.legend(frameon=False, fontsize=9)
     left.set(xlabel=_VELOCITY.axis_label, ylabel=f"apparent {_MODULUS.axis_label}")
     right.set(xlabel=_SIZE.axis_label)
     return figure
 
 
-_SEEN = "#222222"
 _COUNT = 3  # capsules that are shown one by one
-_COLOURS = "RdBu_r"
 _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
 """Place of the name of each region: share of the picture's width, and y over l."""
-_SHARE_TICKS = (0, 25, 50, 75, 100)
 
 
 def outline_finding(along: AlongOutline, finding: Finding) -> Figure:
@@ -158,13 +136,8 @@ def _coloured(ax: Axes, outline: Floats, values: Floats, label: str) -> None:
         ax.plot(ends, [side, side], color=WALL, linewidth=1.0)
     following = np.roll(outline, -1, axis=0)
     largest = float(np.max(np.abs(values))) or 1.0
-    lines = LineCollection(
-        list(np.stack([outline, following], axis=1)),
-        cmap=_COLOURS,
-        norm=Normalize(-largest, largest),
-        linewidths=7.0,
-        capstyle="round",
-    )
+    segments, norm = list(np.stack([outline, following], axis=1)), Normalize(-largest, largest)
+    lines = LineCollection(segments, cmap="RdBu_r", norm=norm, linewidths=7.0, capstyle="round")
     lines.set_array(0.5 * (values + np.roll(values, -1)))
     ax.plot(*closed(outline).T, color="#444444", linewidth=8.6, solid_joinstyle="round")
     ax.add_collection(lines)
@@ -205,7 +178,7 @@ def _unroll(ax: Axes, along: AlongOutline) -> None:
             ax.axvline(at, color="#bbbbbb", linewidth=0.8, linestyle=":")
             ax.text(at, 1.01, name, transform=ax.get_xaxis_transform(), ha="center", va="bottom", fontsize=9)
     ax.set(xlim=(0.0, 100.0), xlabel="place along the edge from the nose [% of the perimeter]", ylabel="residual [µm]")
-    ax.set_xticks(_SHARE_TICKS)
+    ax.set_xticks([0, 25, 50, 75, 100])
     ax.legend(loc="upper center", frameon=False, fontsize=9, ncols=2)
     ax.margins(y=0.15)
 
@@ -264,7 +237,7 @@ def _predictions(ax: Axes, before: Comparison, after: Comparison, row: int) -> N
         (after.outlines[row], INK, "-", "predicted after"),
     ):
         ax.plot(*closed(outline).T, style, color=colour, linewidth=1.3, label=label)
-    ax.plot(*points.T, ".", color=_SEEN, markersize=3.5, label="measured edge")
+    ax.plot(*points.T, ".", color="#222222", markersize=3.5, label="measured edge")
     velocity = 1e3 * after.session.measurements[row].capsule_velocity
     ax.set_title(f"$a/\\ell$ = {after.fits.size[row]:.2f}, $v_\\mathrm{{o}}$ = {velocity:.2f} mm/s", fontsize=10)
     ax.set(aspect="equal", xlabel=r"$z/\ell$", ylim=(-1.05, 1.05), yticks=[-1.0, 0.0, 1.0])
@@ -296,88 +269,50 @@ def _moved(outline: Floats, points: Floats, onto: Floats) -> Floats:
 
 
 def study_page(study: Study) -> str:
-    """Return a study as HTML.
-
-    Returns
-    -------
-    str
-        A whole page; its pictures are SVG within it.
-    """
-    compared, verification = study.first_half, study.verification
-    return page(
-        "study.html",
-        title="What the model misses",
-        opening=[typeset(sentence) for sentence in texts.opening(study)],
-        left_out=study.session.left_out,
-        none=study.verdict is Verdict.NONE,
-        finding=_finding(study, compared) if compared is not None and study.finding.deviations else {},
-        limits="" if (limits := texts.limits_table(study)) is None else html_table(limits),
-        candidates=_candidates(study) if study.scores else {},
-        held_out={} if verification is None else _held_out(study, verification),
-        origin=f"{texts.origin_words(study)} Made by capsbayes {capsbayes.__version__}. The numbers are in study.json.",
-    )
+    """Return a study as a whole page in HTML, its pictures within it."""
+    pictures: dict[str, Markup] = {}
+    if study.first_half is not None and study.finding.deviations:
+        pictures |= _finding_pictures(study.first_half, study.finding)
+    if study.scores:
+        likelier = "those likelier than no effect" if study.by_all else "the nearest, which fail"
+        dark = likelier if study.verdict is Verdict.UNKNOWN else "the effects in question"
+        caption = f"In a dark colour: {dark}. A log-likelihood ratio of 3 is the least that counts."
+        pictures["candidates"] = picture(candidate_ratios(study), "log-likelihood ratio of each candidate", caption)
+    if study.verification is not None:
+        pictures |= _held_out_pictures(study.verification)
+    return page("study.html", study=study, texts=texts, pictures=pictures)
 
 
-def _finding(study: Study, compared: Comparison) -> dict[str, Any]:
-    finding, along = study.finding, compared.along_outline
-    largest = finding.deviations[0].name
-    again = (
-        {}
-        if study.second_finding is None
-        else {deviation.name: texts.deviation_words(deviation) for deviation in study.second_finding.deviations}
-    )
-    of_outline = (
-        f"Mean over {len(compared.edges)} capsules of the distance from the predicted to the measured edge, after each "
-        "was given its best Ca and a/ℓ. In the boxes: how far out each region lies in all capsules alike, including "
-        "what Ca and a/ℓ have absorbed of it, so it may exceed the distance that is left to see."
-    )
-    of_trends = typeset("Of a right model the apparent G_s is the same at every velocity and of every size.")
-    of_misfits = typeset(
-        "Misfit of each capsule over its degrees of freedom at its best Ca and a/ℓ: about 1 under a right model. "
-        "Crosses are capsules without a shape of it."
-    )
-    shown = "apparent shear modulus against velocity and size"
-    return {
-        "largest": typeset(largest),
-        "p_value": texts.largest_p_value(finding),
-        "again": "" if study.second_finding is None else typeset(again.get(largest, "not there")),
-        "outline": ""
-        if along is None
-        else picture(outline_finding(along, finding), "mean residual along the outline", of_outline),
-        "trends": picture(trends(compared, finding), shown, of_trends),
-        "misfits": picture(misfits(compared), "misfit of each capsule over Ca and a/l", of_misfits)
-        if np.isfinite(compared.misfit).any()
-        else "",
-        "table": html_table(texts.finding_table(finding)),
-        "capsules": finding.capsules,
-        "level": f"{100.0 * study.level:g}",
-    }
+def _finding_pictures(compared: Comparison, finding: Finding) -> dict[str, Markup]:
+    pictures = {}
+    if compared.along_outline is not None:
+        caption = (
+            f"Mean over {len(compared.edges)} capsules of the distance from the predicted to the measured edge, after "
+            "each was given its best Ca and a/ℓ. In the boxes: how far out each region lies in all capsules alike, "
+            "including what Ca and a/ℓ have absorbed of it, so it may exceed the distance that is left to see."
+        )
+        figure = outline_finding(compared.along_outline, finding)
+        pictures["outline"] = picture(figure, "mean residual along the outline", caption)
+    caption = typeset("Of a right model the apparent G_s is the same at every velocity and of every size.")
+    alternative = "apparent shear modulus against velocity and size"
+    pictures["trends"] = picture(trends(compared, finding), alternative, caption)
+    if np.isfinite(compared.misfit).any():
+        caption = typeset(
+            "Misfit of each capsule over its degrees of freedom at its best Ca and a/ℓ: about 1 under a right model. "
+            "Crosses are capsules without a shape of it."
+        )
+        pictures["misfits"] = picture(misfits(compared), "misfit of each capsule over Ca and a/l", caption)
+    return pictures
 
 
-def _candidates(study: Study) -> dict[str, Any]:
-    unknown = "those likelier than no effect" if study.by_all else "the nearest, which fail"
-    those = unknown if study.verdict is Verdict.UNKNOWN else "the effects in question"
-    caption = f"In a dark colour: {those}. A log-likelihood ratio of 3 is the least that counts."
-    return {
-        "figure": picture(candidate_ratios(study), "log-likelihood ratio of each candidate", caption),
-        "table": html_table(texts.candidate_table(study)),
-        "caveats": [typeset(sentence) for sentence in texts.caveats(study)],
-        "meaning": html_table(texts.meaning_table(study)),
-    }
-
-
-def _held_out(study: Study, verification: Verification) -> dict[str, Any]:
-    of_outlines = (
-        "Above: a small, a middling and a large capsule, measured and predicted. Middle: distance of the measured edge "
-        "from the predicted one, positive outside. Below: the same, mean of all held-out capsules."
-    )
-    of_moduli = "Each held-out capsule with its standard error, without that of the viscosity, which all of them share."
-    shown = "measured and predicted outlines before and after"
-    flow_rates = texts.flow_rate_table(verification)
-    return {
-        "effects": " and ".join(step.best.effect.name for step in study.steps if step.in_question),
-        "outlines": picture(held_out(verification), shown, of_outlines) if chosen_capsules(verification) else "",
-        "table": html_table(texts.held_out_table(verification)),
-        "moduli": picture(moduli(verification), "shear moduli before and after", of_moduli),
-        "flow_rates": "" if flow_rates is None else html_table(flow_rates),
-    }
+def _held_out_pictures(verification: Verification) -> dict[str, Markup]:
+    pictures = {}
+    if chosen_capsules(verification):
+        caption = (
+            "Above: a small, a middling and a large capsule, measured and predicted. Middle: distance of the measured "
+            "edge from the predicted one, positive outside. Below: the same, mean of all held-out capsules."
+        )
+        alternative = "measured and predicted outlines before and after"
+        pictures["held_out"] = picture(held_out(verification), alternative, caption)
+    caption = "Each held-out capsule with its standard error, without that of the viscosity, which all of them share."
+    return pictures | {"moduli": picture(moduli(verification), "shear moduli before and after", caption)}

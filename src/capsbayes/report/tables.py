@@ -1,7 +1,7 @@
 """Tables of results as data frames of texts, and their two renderers: one for the terminal, one for HTML.
 
-A table is made once from a result, rounded and in display units. A cell is a plain text or one of the kinds
-below, which both renderers know."""
+A table is made once from a result, rounded and in display units. A cell is a plain text or one of the kinds below.
+"""
 
 from __future__ import annotations
 
@@ -59,24 +59,10 @@ def table(
     numbers: Iterable[int] = (),
     bars: Sequence[float] = (),
 ) -> pd.DataFrame:
-    """Return a table of texts.
+    """Return a table of texts; what is not in its cells stands in its ``attrs``.
 
-    Parameters
-    ----------
-    head : sequence of str
-        Of the columns; all empty for a table without a line of headings.
-    rows : iterable of sequences of str
-    title, note : str
-        Stand above and below the table on the terminal; a page has its own headings.
-    numbers : iterable of int
-        Columns of numbers, set to the right.
-    bars : sequence of float
-        Shares, one a row, that HTML draws as bars below the first column.
-
-    Returns
-    -------
-    DataFrame
-        What is not in its cells stands in its ``attrs``.
+    Headings that are all empty give no line of headings. Title and note stand above and below the table on the terminal
+    alone. Columns of `numbers` are set to the right; `bars`, one share a row, are drawn by HTML below the first column.
     """
     frame = pd.DataFrame([list(row) for row in rows], columns=pd.Index(range(len(head)), dtype=object), dtype=object)
     frame.columns = pd.Index(list(head), dtype=object)
@@ -97,7 +83,7 @@ def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str
 
 
 def terminal_table(frame: pd.DataFrame, width: int = 80) -> Group:
-    """Return the table for a terminal, with its title and its note; text is shown as it is, brackets included.
+    """Return the table for a terminal with title and note; brackets are shown as they are.
 
     Where it is wider than a line, the columns stand closer, their headings are broken into lines, and columns that
     still do not fit stand below the others, with the first column again. Cells are broken only if they are sentences.

@@ -93,21 +93,7 @@ def report_page(
 
 
 def opened(result: str | Path) -> tuple[Result, str]:
-    """Open a file, a folder of ``capsbayes identify``, or a database by its name.
-
-    Returns
-    -------
-    result : Posterior, Population or Database
-    source : str
-        Its file or name.
-
-    Raises
-    ------
-    InputError
-        If it is none of them.
-    DatabaseError
-        If a database is damaged.
-    """
+    """Open a file, a folder of ``capsbayes identify``, or a database by its name; return the result and its source."""
     path = Path(result)
     if path.is_dir():
         path = path / POSTERIOR
