@@ -1,4 +1,4 @@
-"""The identifiability map: contours of the width over (Ca, a/l) within the border of the model."""
+"""Maps of what a measurement tells: contours of the width of G_s or a over (Ca, a/l) within the border of the model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
     *(10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0),
 )  # %
-_MODULUS = "surface_shear_modulus"
 _TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
@@ -39,77 +38,78 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     figure = new_figure(7.4, 5.6)
     ax = figure.subplots()
     width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
-    _draw(ax, widths, width, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]")
+    leaning, two_shapes = widths["leaning"].to_numpy(), widths["two_shapes"].to_numpy()
+    levels = _levels(np.where(leaning <= LEANING_SHARE, width, np.nan))
+    areas, lines, clip = _draw(ax, widths, width, levels, 0.7)
+    plane = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+    of_border: dict[str, Any] = {"levels": [LEANING_SHARE, 1.1], "colors": "none", "hatches": ["////"]}
+    ax.contourf(*plane, _filled(leaning), **of_border).set_clip_path(clip)
+    dotted: dict[str, Any] = {"colors": ACCENT, "linestyles": "dotted", "linewidths": 1.6}
+    ax.contour(*plane, _filled(two_shapes.astype(float)), levels=[0.5], **dotted).set_clip_path(clip)
+    inside = Path(clip.get_xy())
+    for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
+        text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
+        text.set_visible(inside.contains_point(text.get_position()))
+    _finish(ax, clip.get_xy())
+    label = f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]"
+    _draw_bar(figure, areas, ax, label, levels)
+    marks: list[Any] = [
+        Patch(facecolor="none", hatch="////", label="leans on the border of the database: cut there, not measured")
+    ]
+    if two_shapes.any():
+        style: dict[str, Any] = {"color": ACCENT, "linestyle": "dotted", "linewidth": 1.6}
+        marks.append(Line2D([], [], label="left of it two shapes are stable", **style))
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     ax.set_title(_errors(widths), fontsize=10)
     return figure
 
 
-def membrane_map_figure(found: xr.Dataset) -> Figure:
+def membrane_map_figure(widths: xr.Dataset) -> Figure:
     """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border."""
-    kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in found]
+    kinds = [kind for kind in MEASURED if f"{UNKNOWN}_{kind}" in widths]
     figure = new_figure(8.6, 1.0 + 3.0 * len(kinds))
     axes = figure.subplots(len(kinds), 2, sharex=True, sharey=True, squeeze=False)
-    names = [[f"{known}_{kind}" for known in (UNKNOWN, KNOWN)] for kind in kinds]
-    every = np.concatenate([found[name].to_numpy() for row in names for name in row])
-    levels, border = _levels(100.0 * every), _border(found)
-    ca, size = found["capillary_number"].to_numpy(), found["size_ratio"].to_numpy()
-    norm: Any = LogNorm(levels[0], levels[-1])
-    for ax, name in zip(axes.flat, [name for row in names for name in row], strict=True):
-        clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
-        style: dict[str, Any] = {"levels": levels, "norm": norm, "cmap": "viridis_r", "extend": "both"}
-        areas = ax.contourf(ca, size, 100.0 * _filled(found[name].to_numpy()), **style)
-        lines = ax.contour(
-            ca, size, 100.0 * _filled(found[name].to_numpy()), levels=levels, colors="white", linewidths=0.6
-        )
-        areas.set_clip_path(clip)
-        lines.set_clip_path(clip)
+    names = [f"{known}_{kind}" for kind in kinds for known in (UNKNOWN, KNOWN)]
+    levels = _levels(100.0 * np.stack([widths[name].to_numpy() for name in names]))
+    for ax, name in zip(axes.flat, names, strict=True):
+        areas, _, clip = _draw(ax, widths, 100.0 * widths[name].to_numpy(), levels, 0.6)
+        _finish(ax, clip.get_xy())
         known, kind = name.split("_")
         ax.set_title(f"{MEASURED[kind]}, membrane {known}", fontsize=10)
-        _axes(ax, border)
     for ax in axes.flat:
         ax.label_outer()
-    bar = figure.colorbar(areas, ax=axes, label=f"standard deviation of $\\ln {PARAMETERS[_MODULUS].latex}$ [%]")
-    bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
+    _draw_bar(
+        figure, areas, axes, f"standard deviation of $\\ln {PARAMETERS['surface_shear_modulus'].latex}$ [%]", levels
+    )
     return figure
 
 
-def _draw(ax: Axes, widths: xr.Dataset, width: Floats, label: str) -> None:
-    ca, size = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+def _draw(ax: Axes, widths: xr.Dataset, shown: Floats, levels: list[float], line: float) -> tuple[Any, Any, Polygon]:
+    """Draw contours within the border of the model: the areas, the lines, and the border, which clips them."""
     border = _border(widths)
-    shown = _levels(np.where(widths["leaning"].to_numpy() <= LEANING_SHARE, width, np.nan))
-    clip = ax.add_patch(Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3))
-    norm: Any = LogNorm(shown[0], shown[-1])
-    filled = _filled(width)
-    areas = ax.contourf(ca, size, filled, levels=shown, norm=norm, cmap="viridis_r", extend="both")
-    lines = ax.contour(ca, size, filled, levels=shown, colors="white", linewidths=0.7)
-    leaning = _filled(widths["leaning"].to_numpy())
-    hatch = ax.contourf(ca, size, leaning, levels=[LEANING_SHARE, 1.1], colors="none", hatches=["////"])
-    two = _filled(widths["two_shapes"].to_numpy().astype(float))
-    snap = ax.contour(ca, size, two, levels=[0.5], colors=ACCENT, linestyles="dotted", linewidths=1.6)
-    for drawn in (areas, lines, hatch, snap):
+    clip = Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3)
+    ax.add_patch(clip)
+    plane = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy(), _filled(shown)
+    style: dict[str, Any] = {"norm": LogNorm(levels[0], levels[-1]), "cmap": "viridis_r", "extend": "both"}
+    areas = ax.contourf(*plane, levels=levels, **style)
+    lines = ax.contour(*plane, levels=levels, colors="white", linewidths=line)
+    for drawn in (areas, lines):
         drawn.set_clip_path(clip)
-    inside = Path(border)
-    for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
-        text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
-        text.set_visible(inside.contains_point(text.get_position()))
-    bar = ax.figure.colorbar(areas, ax=ax, label=label)
-    bar.set_ticks(shown, labels=[f"{level:g}" for level in shown])
-    _axes(ax, border)
-    marks: list[Any] = [
-        Patch(facecolor="none", hatch="////", label="leans on the border of the database: cut there, not measured"),
-        Line2D([], [], color=ACCENT, linestyle="dotted", linewidth=1.6, label="left of it two shapes are stable"),
-    ]
-    marks = marks if widths["two_shapes"].any() else marks[:1]
-    figure: Any = ax.figure
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return areas, lines, clip
 
 
-def _axes(ax: Axes, border: Floats) -> None:
+def _finish(ax: Axes, border: Floats) -> None:
+    """Axes as wide as the border."""
     ax.set_xscale("log")
     low, high = border.min(axis=0), border.max(axis=0)
     margin = 0.03 * (high[1] - low[1])
     ax.set(xlim=(0.93 * low[0], 1.07 * high[0]), ylim=(low[1] - margin, high[1] + margin))
     label_plane(ax, _TICKS)
+
+
+def _draw_bar(figure: Figure, areas: Any, axes: Any, label: str, levels: list[float]) -> None:
+    bar = figure.colorbar(areas, ax=axes, label=label)
+    bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
 
 
 def _border(widths: xr.Dataset) -> Floats:
