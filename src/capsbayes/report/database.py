@@ -19,7 +19,15 @@ from capsbayes.report.population import status_table
 from capsbayes.report.tables import Code, Symbols, flat, table, typeset
 from capsbayes.status import Status
 
-_ENDS = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)
+_CAPTIONS = {
+    "cases": "Every case over (Ca, a/l), and the borders of what exists.",
+    "shapes": "Steady shapes over (Ca, a/l).",
+    "changes": "What the effect changes.",
+    "velocity": "Velocity of the capsule over that of the liquid; dots are simulated cases.",
+    "velocity-surface": "The same as a surface.",
+    "lengths": "Extension along the flow, length on the axis and depth of the concave rear, over l.",
+}
+_PIXELS = ("velocity", "velocity-surface", "lengths")  # filled contours and surfaces, too many lines for SVG
 
 
 def contents_table(database: Database) -> pd.DataFrame:
@@ -110,24 +118,13 @@ def _columns(part: Database) -> Iterator[list[str]]:
     border, kinds = np.round(part["border_size_ratio"], 6), part["border_kind"]
     for size in np.unique(np.round(part["size_ratio"], 6)):
         ca = done["capillary_number"][sizes == size]
-        here = border == size
-        ends = np.flatnonzero(here & np.isin(kinds, _ENDS))
-        snaps = part["border_capillary_number"][here & (kinds == SNAP_THROUGH)]
+        of_column = border == size
+        ends = np.flatnonzero(of_column & np.isin(kinds, (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE)))
+        snaps = part["border_capillary_number"][of_column & (kinds == SNAP_THROUGH)]
         last = f"{part['border_capillary_number'][ends[0]]:.4g}" if len(ends) else ""
         why = str(kinds[ends[0]]).replace(" ", "\N{NO-BREAK SPACE}") if len(ends) else "no border is known"
         first = f"{ca.min():.3g}" if len(ca) else "none"
         yield [f"{size:g}", first, last, why, f"{snaps[0]:.3g}" if len(snaps) else ""]
-
-
-_CAPTIONS = {
-    "cases": "Every case over (Ca, a/l), and the borders of what exists.",
-    "shapes": "Steady shapes over (Ca, a/l).",
-    "changes": "What the effect changes.",
-    "velocity": "Velocity of the capsule over that of the liquid; dots are simulated cases.",
-    "velocity-surface": "The same as a surface.",
-    "lengths": "Extension along the flow, length on the axis and depth of the concave rear, over l.",
-}
-_PIXELS = ("velocity", "velocity-surface", "lengths")  # filled contours and surfaces, too many lines for SVG
 
 
 def database_page(database: Database, *, source: str = "") -> str:

@@ -128,17 +128,6 @@ def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     )
 
 
-def page_headline(population: Population, distribution: Mapping[str, Any] | ModulusSpread | None) -> str:
-    """Return the first line of the page: with the errors removed, where their distribution is known."""
-    return headline(population) if distribution is None else distribution_headline(distribution)
-
-
-def below(population: Population, distribution: Mapping[str, Any] | ModulusSpread | None) -> list[str]:
-    """Return what stands below that: the medians with the errors in them, and the error of one capsule."""
-    medians = [] if distribution is None else [f"{headline(population)}, with the errors in them."]
-    return [*medians, *filter(None, [width_words(population)])]
-
-
 def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
     """Return the median G_s of the capsules, their spread, each with its 95 % interval, and what the spread is."""
     width = "standard deviation of ln G_s"

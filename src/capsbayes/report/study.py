@@ -233,17 +233,6 @@ def origin_words(study: Study) -> str:
     )
 
 
-def again_words(study: Study, name: str) -> str:
-    """Return the amplitude of a deviation in the held-out capsules."""
-    assert study.second_finding is not None, "of held-out capsules"
-    return next((deviation_words(one) for one in study.second_finding.deviations if one.name == name), "not there")
-
-
-def verified_words(study: Study) -> str:
-    """Return the effects whose sizes the held-out capsules verify."""
-    return " and ".join(step.best.effect.name for step in study.steps if step.in_question)
-
-
 def question_words(study: Study, name: str) -> str:
     """Say whether a candidate may be what is missing: yes, no, or that the data allow all of its sizes alike."""
     if name not in study.all_probabilities or np.ptp(study.scores[name].total) < TWO_SIGMA:
