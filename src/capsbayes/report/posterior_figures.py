@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import corner
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -63,6 +62,8 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
     each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     """
+    import corner  # it imports arviz, a second
+
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
     draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
