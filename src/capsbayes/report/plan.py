@@ -91,37 +91,29 @@ def budget_table(budget: ErrorBudget) -> pd.DataFrame:
     """Return share, slope and change of G_s and of a for each input."""
     known = ((answer, with_unit(answer.name, budget.value[answer.name], ".4g")) for answer in _ANSWERS)
     values = ", ".join(f"{answer.symbol} = {value} ± {100.0 * budget.sd[answer.name]:.2g} %" for answer, value in known)
-    head = [
-        "input",
-        *(Symbols(f"{answer.symbol}\n{what}") for answer in _ANSWERS for what in ("share", "slope", "change")),
-    ]
+    columns = [(answer, what) for answer in _ANSWERS for what in ("share", "slope", "change")]
+    head = ["input", *(Symbols(f"{answer.symbol}\n{what}") for answer, what in columns)]
     shares = {answer.name: budget.shares_of(answer.name) for answer in _ANSWERS}
-    rows = [
-        [Symbols(_input(row)), *(cell for answer in _ANSWERS for cell in _cells(row, answer.name, shares[answer.name]))]
-        for row in budget.rows
-    ]
+    rows = []
+    for row in budget.rows:
+        cells = [cell for answer in _ANSWERS for cell in _cells(row, answer.name, shares[answer.name])]
+        rows.append([Symbols(_input(row)), *cells])
     units = " and ".join(answer.shown_unit for answer in _ANSWERS)
     note = (
         "share: of the variance of the logarithm; slope: d ln / d ln of the input; change: with one standard error of "
         f"the input, in {units}"
     )
-    note += "".join(
-        f"; the shares of {answer.symbol} do not add up, and are omitted"
-        for answer in _ANSWERS
-        if not shares[answer.name]
-    )
+    for answer in _ANSWERS:
+        note += "" if shares[answer.name] else f"; the shares of {answer.symbol} do not add up, and are omitted"
     return table(head, rows, title=f"Error budget: {values}", note=note, numbers=range(1, 7))
 
 
 def sobol_table(study: SobolStudy) -> pd.DataFrame:
     """Return first-order and total index of each answer by each input."""
-    rows = [
-        [
-            Symbols(f"{PARAMETERS[name].symbol} = {stated.shown(name)}"),
-            *(f"{of[name].first:.2f}, {of[name].total:.2f}" for of in study.indices.values()),
-        ]
-        for name, stated in study.ranges.items()
-    ]
+    rows = []
+    for name, stated in study.ranges.items():
+        indices = (f"{of[name].first:.2f}, {of[name].total:.2f}" for of in study.indices.values())
+        rows.append([Symbols(f"{PARAMETERS[name].symbol} = {stated.shown(name)}"), *indices])
     errors = (max(max(index.first_error, index.total_error) for index in of.values()) for of in study.indices.values())
     rows.append(["95 %, at most", *(f"± {error:.2f}" for error in errors)])
     head = ["input", *(Symbols(PARAMETERS[answer].symbol) for answer in study.indices)]

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -168,9 +168,9 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
 def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     """Label the axes and say the direction of the flow and the medians."""
     micrometres = 1e6 * posterior.inputs.half_width.value
+    flow: dict[str, Any] = {"va": "center", "ha": "right", "fontsize": 11, "color": "#555555"}
     arrow = {"arrowstyle": "-|>", "color": "#555555"}
-    flow = {"va": "center", "ha": "right", "fontsize": 11, "color": "#555555", "arrowprops": arrow}
-    ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), **flow)  # type: ignore[arg-type]
+    ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), arrowprops=arrow, **flow)
     ax.set(xlim=ends, ylim=(-1.0 - _THICKNESS, _TOP), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
     ax.set_yticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     to_micrometres = partial(np.multiply, micrometres), partial(np.multiply, 1.0 / micrometres)
@@ -182,18 +182,10 @@ def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) ->
     ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top", fontsize=11)
     handles, labels = ax.get_legend_handles_labels()
     order = [1, 0, *range(2, len(handles))]  # the line before its band
-    spacing, handle, size_of_text = (1.5, 1.6, 10) if len(order) < 4 else (1.0, 1.2, 8.5)
-    ax.legend(
-        [handles[k] for k in order],
-        [labels[k] for k in order],
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.075),
-        ncols=len(order),
-        frameon=False,
-        columnspacing=spacing,
-        handlelength=handle,
-        fontsize=size_of_text,
-    )
+    columnspacing, handlelength, fontsize = (1.5, 1.6, 10) if len(order) < 4 else (1.0, 1.2, 8.5)
+    sizes: dict[str, Any] = {"columnspacing": columnspacing, "handlelength": handlelength, "fontsize": fontsize}
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.075), "ncols": len(order)}
+    ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **sizes)
 
 
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:

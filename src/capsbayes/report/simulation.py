@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from scipy.spatial import ConvexHull
 
 from capsbayes.arrays import Floats
 from capsbayes.physics.surface import facets
@@ -27,8 +28,8 @@ _BEHIND, _CAPSULE, _BEFORE = 2.0, 3.0, 4.0
 _FAINT = (1.0, 0.5)  # an edge behind the capsule, and one before it
 
 
-def shape_plot(state: SteadyState, ax: Axes) -> Axes:
-    """Draw profile, silhouette, walls and the lengths L_z and L_a, all over l."""
+def _draw_shape(ax: Axes, state: SteadyState) -> None:
+    """Profile, silhouette, walls and the lengths L_z and L_a, all over l."""
     profile, silhouette = (closed(outline.points) for outline in (state.profile, state.silhouette))
     ax.fill(silhouette[:, 0], silhouette[:, 1], color=FILL, linewidth=0)
     ax.plot(silhouette[:, 0], silhouette[:, 1], color=ACCENT, linewidth=1, linestyle=(0, (4, 2)), label="silhouette")
@@ -41,32 +42,27 @@ def shape_plot(state: SteadyState, ax: Axes) -> Axes:
         ax.annotate("", (start, y), (nose, y), arrowprops={"arrowstyle": "<->", "color": "black", "linewidth": 0.8})
         ax.text((start + nose) / 2, y + 0.04, f"${name}/\\ell = {value:.3f}$", ha="center", va="bottom")
     ax.set(xlim=ends, ylim=(-1.2, 1.55), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
-    ax.set_title(
-        f"Ca = {state.capillary_number:g}, $a/\\ell$ = {state.size_ratio:g}, $v_o/U$ = {state.velocity_ratio:.3f}"
-    )
+    numbers = f"Ca = {state.capillary_number:g}, $a/\\ell$ = {state.size_ratio:g}"
+    ax.set_title(f"{numbers}, $v_o/U$ = {state.velocity_ratio:.3f}")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
-    return ax
 
 
-def section_plot(state: SteadyState, ax: Axes) -> Axes:
-    """Draw the capsule seen along the flow in the square cross-section, all over l."""
-    from scipy.spatial import ConvexHull
-
+def _draw_section(ax: Axes, state: SteadyState) -> None:
+    """The capsule seen along the flow in the square cross-section, all over l."""
     points = state.surface_nodes[:, :2]
     hull = points[ConvexHull(points).vertices]
     ax.fill(hull[:, 0], hull[:, 1], facecolor=FILL, edgecolor=INK, linewidth=1.8)
     ax.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=WALL, linewidth=4)
     ax.set(xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal", xlabel=r"$x/\ell$", ylabel=r"$y/\ell$")
     ax.set_title("seen along the flow")
-    return ax
 
 
 def shape_figure(state: SteadyState) -> Figure:
     """Draw both views."""
     figure = new_figure(9.5, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.55, 1.0))
-    shape_plot(state, left)
-    section_plot(state, right)
+    _draw_shape(left, state)
+    _draw_section(right, state)
     return figure
 
 
@@ -77,7 +73,7 @@ def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
     reach = 0.35 + max(float(np.max(np.abs(snapshot.nodes[:, 2]))) for snapshot in snapshots)
     axes = figure.subplots(rows, 2, squeeze=False).flat
     for letter, snapshot, ax in zip("abcdefghijklmnopqrstuvwxyz", snapshots, axes, strict=False):
-        view_plot(snapshot, ax, reach)
+        _draw_view(ax, snapshot, reach)
         ax.set_title(rf"({letter})   $Ut/\ell = {snapshot.time:.3g}$", fontsize=13)
     for ax in figure.axes[len(snapshots) :]:
         ax.remove()
@@ -86,8 +82,8 @@ def transient_figure(snapshots: Sequence[Snapshot]) -> Figure:
     return figure
 
 
-def view_plot(snapshot: Snapshot, ax: Axes, reach: float) -> Axes:
-    """Draw the capsule in a piece of its channel of half length `reach` [l]; the flow goes right and away."""
+def _draw_view(ax: Axes, snapshot: Snapshot, reach: float) -> None:
+    """The capsule in a piece of its channel of half length `reach` [l]; the flow goes right and away."""
     camera = _camera()
     corners = _draw_channel(ax, _section(snapshot), camera, reach)
     faces, colours = _shaded(snapshot, camera)
@@ -101,7 +97,6 @@ def view_plot(snapshot: Snapshot, ax: Axes, reach: float) -> Axes:
     ax.annotate("", end, start, arrowprops=style, zorder=_BEHIND)
     text = rf"$L_z/\ell = {snapshot.profile.axial_extent:.2f}$,   $V/U = {snapshot.velocity_ratio:.2f}$"
     ax.text(0.5, -0.01, text, transform=ax.transAxes, ha="center", va="top", fontsize=11)
-    return ax
 
 
 def _camera() -> Floats:
