@@ -28,6 +28,8 @@ _COLOURS = {"surface_shear_modulus": INK, "capsule_radius": ACCENT}
 _HEIGHT = 0.36  # of a bar
 _LABEL = 42  # characters in a line of a label
 _RARE = 0.005  # share of the capsules that is not mentioned
+_ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
+_FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
 
 
 def flow_words(design: MembraneFlowDesign) -> Iterator[str]:
@@ -81,10 +83,6 @@ def _limit_words(design: MembraneFlowDesign) -> Iterator[str]:
                     f"At U = {with_unit('mean_velocity', speed)} the model has no shape of {per_cent(lost)} of the "
                     "capsules; what is expected is of the others."
                 )
-
-
-_ANSWERS = tuple(PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_radius"))
-_FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
 
 
 def budget_table(budget: ErrorBudget) -> pd.DataFrame:

@@ -18,6 +18,11 @@ from capsbayes.status import Status
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
 _MANY_LEANING = 0.05  # of the capsules on the border
+SHOWN = (
+    *("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio"),
+    *("mean_velocity", "velocity_ratio", "stretch_ratio"),
+)
+KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
 
 
 def headline(population: Population) -> str:
@@ -148,13 +153,6 @@ def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, 
     return f"{shown}{unit_of(_MODULUS)}{known}", f"{middle_sd}{band}", width
 
 
-_SHOWN = (
-    *("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio"),
-    *("mean_velocity", "velocity_ratio", "stretch_ratio"),
-)
-_KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
-
-
 def status_table(counts: Mapping[Status, int], what: str = "capsules") -> pd.DataFrame:
     """Return how many ended with which status, the most frequent first."""
     rows = [(str(count), status.name, str(status)) for status, count in counts.items()]
@@ -178,7 +176,7 @@ def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
     rows = []
     for name, summary in stored["quantities"].items():
         parameter = PARAMETERS[name]
-        numbers = [parameter.shown(summary[key]) for key in _KINDS]
+        numbers = [parameter.shown(summary[key]) for key in KINDS]
         middle, *ends = together(numbers, decimals(0.25 * (numbers[4] - numbers[3])))
         rows.append((Symbols(parameter.label), middle, " to ".join(ends[:2]), " to ".join(ends[2:])))
     head = ("", "median", "68 % interval", "95 % interval")
@@ -187,11 +185,11 @@ def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
 
 def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
     """Return the capsules, worst first, at most so many."""
-    shown = [name for name in _SHOWN if f"{name}_median" in population.dataset]
+    shown = [name for name in SHOWN if f"{name}_median" in population.dataset]
     head = ["no.", "capsule", "status", *(Symbols(PARAMETERS[name].label) for name in shown)]
     head[4:4] = [Symbols(f"{_MODULUS.symbol}: {level} % interval") for level in (68, 95)]
     names = population["name"] if "name" in population.dataset else np.full(len(population), "")
-    summaries = {name: np.stack([population[f"{name}_{kind}"] for kind in _KINDS], axis=1) for name in shown}
+    summaries = {name: np.stack([population[f"{name}_{kind}"] for kind in KINDS], axis=1) for name in shown}
     statuses = population["status"]
     rows = []
     for rank, k in enumerate(population.worst_first()[:most], start=1):

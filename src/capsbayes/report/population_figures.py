@@ -26,6 +26,9 @@ USABLE, OTHERS = "usable-capsules", "other-capsules"
 """Ids of the points of `modulus_against_radius`, which are in the order of the population."""
 _MOST_BARS = 400  # error bars of more capsules would hide each other
 _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
+MOST_ROWS = 500
+"""Capsules in the table of the page; the file holds all."""
+_MANY = 500  # points beyond which a picture of pixels is smaller
 
 
 def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
@@ -127,14 +130,6 @@ def _log_scale(scale: Axis, set_scale: Callable[[str], object]) -> None:
     scale.set_minor_formatter(NullFormatter())
 
 
-MOST_ROWS = 500
-"""Capsules in the table of the page; the file holds all."""
-
-_MANY = 500  # points beyond which a picture of pixels is smaller
-_IN_THE_FILE = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
-_KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
-
-
 def population_page(
     population: Population, *, spread: ModulusSpread | None = None, rows: int = MOST_ROWS, source: str = ""
 ) -> str:
@@ -197,7 +192,7 @@ def _point_words(population: Population) -> dict[str, list[str]]:
 
 def _csv(population: Population, most: int) -> str:
     """Return the summaries of the capsules in the table of the page, in SI, as the address of a CSV file."""
-    numbers = (f"{name}_{kind}" for name in _IN_THE_FILE for kind in _KINDS)
+    numbers = (f"{name}_{kind}" for name in texts.SHOWN[:4] for kind in texts.KINDS)
     along = [name for name in ("name", "status", *numbers) if name in population.dataset]
     shown = population.dataset[along].isel(capsule=population.worst_first()[:most])
     text = "".join(Population(shown).lines())

@@ -26,6 +26,9 @@ from capsbayes.report.tables import typeset
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
+_COUNT = 3  # capsules that are shown one by one
+_LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
+"""Place of the name of each region: share of the picture's width, and y over l."""
 
 
 def candidate_ratios(study: Study) -> Figure:
@@ -108,11 +111,6 @@ def trends(compared: Comparison, finding: Finding) -> Figure:
     left.set(xlabel=_VELOCITY.axis_label, ylabel=f"apparent {_MODULUS.axis_label}")
     right.set(xlabel=_SIZE.axis_label)
     return figure
-
-
-_COUNT = 3  # capsules that are shown one by one
-_LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
-"""Place of the name of each region: share of the picture's width, and y over l."""
 
 
 def outline_finding(along: AlongOutline, finding: Finding) -> Figure:
