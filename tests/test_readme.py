@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import population_coverage
 import pytest
 import silhouettes
+
+from evidence.benchmarks import population_coverage
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

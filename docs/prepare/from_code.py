@@ -15,7 +15,7 @@ from capsbayes.database import NO_EFFECT
 from capsbayes.effects import catalogue
 from capsbayes.model import Effect
 from capsbayes.parameters import PARAMETERS
-from capsbayes.show.words.rounding import unit_of
+from capsbayes.report.numbers import unit_of
 from capsbayes.status import Status
 
 QUANTITIES, STATUSES = "<!-- table of quantities -->", "<!-- table of statuses -->"

@@ -20,8 +20,8 @@ from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import make_folder, write_file
 from capsbayes.interruption import keeping
+from capsbayes.report.style import write_figure
 from capsbayes.run import Records, only_run
-from capsbayes.show.figures.style import write_figure
 from evidence.markdown import table_lines
 
 Values: TypeAlias = Mapping[str, float | list[float]]

@@ -20,7 +20,7 @@ from capsbayes.image.overlay import write_overlay
 from capsbayes.infer import Prior
 from capsbayes.infer.outline import aligned_with, askew_size
 from capsbayes.quantity import Quantity
-from capsbayes.show import write_report
+from capsbayes.report import write_report
 
 STRESS = 0.028  # N/m, mu U
 VISCOSITY, RATIO = 1.0, 1.33  # Pa s, which is not known alone; and v_o/U, to which nothing here is sensitive

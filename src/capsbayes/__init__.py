@@ -53,7 +53,7 @@ _HOME = {
     "measure_film": "capsbayes.image.film",
     "membrane_flow_design": "capsbayes.plan",
     "sobol_indices": "capsbayes.plan",
-    "write_report": "capsbayes.show",
+    "write_report": "capsbayes.report",
 }
 _ROOMS = ("effects", "surrogate", "testing")  # as in cb.effects.catalogue()
 
@@ -87,7 +87,7 @@ if TYPE_CHECKING:
     )
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
-    from capsbayes.show.report import write_report
+    from capsbayes.report.write import write_report
     from capsbayes.status import Status
     from capsbayes.surrogate import MembraneSurrogate, Surrogate
 

@@ -17,9 +17,8 @@ from capsbayes.diagnosis.scores import _about_the_best, log_likelihood, populati
 from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 from capsbayes.model import FixedParameters
-from capsbayes.show import study_page, verdict_sentence
-from capsbayes.show.tables.study import candidate_table
-from capsbayes.show.words.study import probabilities_words
+from capsbayes.report import study_page, verdict_sentence
+from capsbayes.report.study import candidate_table, probabilities_words
 
 CAPSULES = 40
 OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}

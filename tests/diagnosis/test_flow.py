@@ -24,7 +24,7 @@ from capsbayes.effects import (
     VelocityScale,
 )
 from capsbayes.model import FixedParameters
-from capsbayes.show.words.study import opening
+from capsbayes.report.study import opening
 from capsbayes.testing import check_effect
 
 POOL = Path(__file__).parents[2] / "data" / "pools" / "none-0.nc"

@@ -16,7 +16,7 @@ from capsbayes.infer.hierarchy import LogPosterior, ModulusSpread, drawn, hierar
 from capsbayes.infer.population import Population
 from capsbayes.infer.selection import ScaleMixture, Selection, half_width_of, kept_rows, limit_of
 from capsbayes.quantity import Quantity
-from capsbayes.show.words.population import caveats
+from capsbayes.report.population import caveats
 from capsbayes.surrogate import Surrogate
 
 

@@ -11,7 +11,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.sampling import Effort
 from capsbayes.quantity import Quantity
-from capsbayes.show.words.posterior import budget_sentence
+from capsbayes.report.posterior import budget_sentence
 from capsbayes.status import Status
 
 

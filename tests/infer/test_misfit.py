@@ -12,8 +12,7 @@ from capsbayes.infer import Prior
 from capsbayes.infer.batch import identify_folder
 from capsbayes.infer.verdict import LEVEL
 from capsbayes.physics.channel import cross_section_named
-from capsbayes.show.tables.posterior import check_table
-from capsbayes.show.words.posterior import caveats
+from capsbayes.report.posterior import caveats, check_table
 from capsbayes.status import Status
 
 RATE = "0.71 +/- 0.01 uL/min"

@@ -10,7 +10,7 @@ import pytest
 from capsbayes.errors import NoShapeError
 from capsbayes.infer import Posterior, Quadrature, identify
 from capsbayes.infer.identify import modulus_over_laws
-from capsbayes.show.words.posterior import caveats
+from capsbayes.report.posterior import caveats
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 

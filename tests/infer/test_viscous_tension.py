@@ -10,7 +10,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.batch import identify_folder
 from capsbayes.quantity import Quantity
-from capsbayes.show import corner_plot
+from capsbayes.report import corner_plot
 
 TENSION = Experiment(cross_section="square", half_width="25.0 +/- 0.2 um", viscous_tension="3.3 mN/m")
 PRIOR = Prior(surface_shear_modulus=Quantity.log_uniform(1e-4, 10.0))

@@ -5,7 +5,7 @@ from html import unescape
 
 import pandas as pd
 
-from capsbayes.show.tables.table import typeset
+from capsbayes.report.tables import typeset
 
 
 def plain(html):

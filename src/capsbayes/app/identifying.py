@@ -27,15 +27,13 @@ from capsbayes.infer.outline import band
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity
-from capsbayes.show.figures.corner import SHOWN, corner_plot
-from capsbayes.show.figures.picture import on_picture
-from capsbayes.show.pages.page import picture as figure_html
-from capsbayes.show.report import opened, write_report
-from capsbayes.show.tables import posterior as tables
-from capsbayes.show.tables.table import html_table, typeset
-from capsbayes.show.words import posterior as words
-from capsbayes.show.words.rounding import value_words
-from capsbayes.show.writers import posterior_files
+from capsbayes.report import posterior as texts
+from capsbayes.report.files import posterior_files
+from capsbayes.report.numbers import value_words
+from capsbayes.report.page import picture as figure_html
+from capsbayes.report.posterior_figures import SHOWN, corner_plot, on_picture
+from capsbayes.report.tables import html_table, typeset
+from capsbayes.report.write import opened, write_report
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 _Seen = tuple[Picture, Detection]
@@ -53,12 +51,12 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
     return {
         "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
-        "status": words.status_words(posterior),
-        "caveats": [typeset(said(caveat)) for caveat in words.caveats(posterior)],
-        "quantities": html_table(tables.quantity_table(posterior)),
-        "budget_sentence": typeset(words.budget_sentence(posterior)),
-        "budget": "" if (budget := tables.budget_table(posterior)) is None else html_table(budget),
-        "gates": html_table(tables.check_table(posterior)),
+        "status": texts.status_words(posterior),
+        "caveats": [typeset(said(caveat)) for caveat in texts.caveats(posterior)],
+        "quantities": html_table(texts.quantity_table(posterior)),
+        "budget_sentence": typeset(texts.budget_sentence(posterior)),
+        "budget": "" if (budget := texts.budget_table(posterior)) is None else html_table(budget),
+        "gates": html_table(texts.check_table(posterior)),
         "predicted": predicted,
         "summary": {
             name: (one.median, one.sd)

@@ -22,9 +22,9 @@ def atlas(
     from rich.console import Console
 
     from capsbayes.database import Database
+    from capsbayes.report.atlas import atlas as figures_of
+    from capsbayes.report.style import write_figure
     from capsbayes.run import resumable
-    from capsbayes.show.figures.atlas import atlas as figures_of
-    from capsbayes.show.figures.style import write_figure
 
     whole = Database.open(database)
     with resumable(out), Console(stderr=True).status("Drawing ..."):

@@ -140,8 +140,8 @@ def _summary(population: Population, hierarchy: Hierarchy | None) -> dict[str, o
 
 def _print(population: Population, hierarchy: Hierarchy | None, out: Path) -> None:
     from capsbayes.infer.batch import Compared
-    from capsbayes.show.tables.table import print_parts
-    from capsbayes.show.terminal.population import hierarchy_parts, population_parts
+    from capsbayes.report.population import hierarchy_parts, population_parts
+    from capsbayes.report.tables import print_parts
 
     attributes = population.attributes
     agreement = attributes.get("agreement")

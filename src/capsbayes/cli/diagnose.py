@@ -13,7 +13,7 @@ from capsbayes.cli.output import conclude
 from capsbayes.cli.paths import Reads, Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import write_file
-from capsbayes.show.writers import Writer, json_file
+from capsbayes.report.files import Writer, json_file
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis import Session
@@ -56,9 +56,9 @@ def diagnose(
     from capsbayes.diagnosis import Session, summary
     from capsbayes.diagnosis import diagnose as diagnosed
     from capsbayes.effects import catalogue
+    from capsbayes.report import study_page
+    from capsbayes.report.study import study_parts
     from capsbayes.run import progress_bar, resumable
-    from capsbayes.show import study_page
-    from capsbayes.show.terminal.study import study_parts
 
     session = Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section

@@ -85,10 +85,9 @@ def identify(
     from capsbayes.infer import identify as identified
     from capsbayes.infer.identify import prepare, with_other_laws
     from capsbayes.measurement import Measurement
+    from capsbayes.report.files import posterior_files
+    from capsbayes.report.posterior import posterior_parts, status_words
     from capsbayes.run import resumable
-    from capsbayes.show.terminal.posterior import posterior_parts
-    from capsbayes.show.words.posterior import status_words
-    from capsbayes.show.writers import posterior_files
 
     speeds = {"--velocity": velocity, "--flow-rate": flow_rate}
     if is_picture(capsule):

@@ -21,7 +21,7 @@ from capsbayes.cli.options import (
 )
 from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Reads, Writes
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 
 def membrane(
@@ -59,9 +59,8 @@ def membrane(
     """
     from capsbayes.infer.shared_membrane import identify_membrane
     from capsbayes.measurement_sets import read_set
+    from capsbayes.report.membrane import membrane_figure, membrane_parts
     from capsbayes.run import progress_bar, resumable
-    from capsbayes.show.figures.membrane import membrane_figure
-    from capsbayes.show.terminal.membrane import membrane_parts
 
     measured = read_set(capsules, experiment)
     with resumable(out):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capsbayes.files.output_file import together, write_file
-from capsbayes.show.writers import Writer
+from capsbayes.report.files import Writer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,7 +110,7 @@ def conclude(
     if as_json:
         print_json(result)
     else:
-        from capsbayes.show.tables.table import print_parts
+        from capsbayes.report.tables import print_parts
 
         written = "" if out is None else f"Written to {out}: {', '.join(files)}."
         print_parts(*parts(), written, status=status_words or status, good=status is None or status.ok)

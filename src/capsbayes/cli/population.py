@@ -74,8 +74,8 @@ def population(
     if as_json:
         print_json(found.as_dict())
     else:
-        from capsbayes.show.tables.table import print_parts
-        from capsbayes.show.terminal.population import hierarchy_parts
+        from capsbayes.report.population import hierarchy_parts
+        from capsbayes.report.tables import print_parts
 
         print_parts(*hierarchy_parts(found))
     if not found.passed:

@@ -35,8 +35,8 @@ def report(
     from rich.console import Console
 
     from capsbayes.infer import Posterior
+    from capsbayes.report import opened, write_report
     from capsbayes.run import only_run
-    from capsbayes.show import opened, write_report
 
     found, source = opened(result)
     if picture is not None and not isinstance(found, Posterior):

@@ -45,8 +45,8 @@ def simulate(
         if paraview is not None:
             state.save(paraview)
         if plot is not None:
-            from capsbayes.show.figures.simulation import shape_figure
-            from capsbayes.show.figures.style import write_figure
+            from capsbayes.report.simulation import shape_figure
+            from capsbayes.report.style import write_figure
 
             write_figure(shape_figure(state), plot)
 
@@ -67,7 +67,7 @@ _USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "re
 
 
 def _print(state: SteadyState) -> None:
-    from capsbayes.show.tables.table import print_parts, table
+    from capsbayes.report.tables import print_parts, table
 
     settings, summary = state.settings, state.as_dict()
     unusual = [f" of the {settings['bending_energy']}"] if "bending_energy" in settings else []

@@ -41,8 +41,8 @@ def transient(
     The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
     from capsbayes.physics.simulator import save_series
-    from capsbayes.show.tables.table import print_parts
-    from capsbayes.show.tables.table import table as rendered
+    from capsbayes.report.tables import print_parts
+    from capsbayes.report.tables import table as rendered
 
     way = simulator.transient(
         capillary_number=capillary_number,
@@ -64,8 +64,8 @@ def transient(
         if paraview is not None:
             save_series(snapshots, paraview)
         if plot is not None:
-            from capsbayes.show.figures.simulation import transient_figure
-            from capsbayes.show.figures.style import write_figure
+            from capsbayes.report.simulation import transient_figure
+            from capsbayes.report.style import write_figure
 
             write_figure(transient_figure(_chosen(snapshots)), plot)
 

@@ -13,7 +13,7 @@ from capsbayes.cli.options import AsJson, DatabaseName
 from capsbayes.cli.output import conclude
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,8 +36,8 @@ def validate(
     from rich.console import Console
 
     from capsbayes.database import Database
+    from capsbayes.report.atlas import heat_maps
     from capsbayes.run import resumable
-    from capsbayes.show.figures.error_maps import heat_maps
     from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
 
     whole = Database.open(database)
@@ -74,7 +74,7 @@ def _figures(studies: Studies, sha256: str) -> dict[str, Any]:
 
 
 def _table(studies: Studies) -> pd.DataFrame:
-    from capsbayes.show.tables.table import Symbols, table
+    from capsbayes.report.tables import Symbols, table
     from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS
 
     rows = []

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from capsbayes import Surrogate
-from capsbayes.show.words.posterior import BEYOND_LAWS
+from capsbayes.report.posterior import BEYOND_LAWS
 from evidence.benchmarks import (
     conditions,
     film_silhouettes,

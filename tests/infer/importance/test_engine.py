@@ -13,7 +13,7 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.infer import Posterior, Prior, identify, importance
 from capsbayes.infer.importance import ImportanceSampling, exact_engine
 from capsbayes.measurement import MeasuredOutline, OutlineNoise
-from capsbayes.show.words.posterior import caveats
+from capsbayes.report.posterior import caveats
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
 

@@ -10,7 +10,7 @@ from capsbayes.errors import InputError
 from capsbayes.infer import Posterior, Prior, identify
 from capsbayes.infer.importance import ImportanceSampling
 from capsbayes.quantity import Quantity
-from capsbayes.show.tables.posterior import prior_table
+from capsbayes.report.posterior import prior_table
 from capsbayes.surrogate import Surrogate
 
 THICKNESS = "0.40 +/- 0.08 um"

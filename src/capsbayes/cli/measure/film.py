@@ -131,7 +131,7 @@ def _rate(text: str | None, experiment: Experiment) -> Quantity:
 
 
 def _print(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
-    from capsbayes.show.tables.table import print_parts, table
+    from capsbayes.report.tables import print_parts, table
 
     head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "")
     rows, changes = [], []

@@ -68,7 +68,7 @@ def measured_picture(
     """
     from capsbayes.image.files import Picture
     from capsbayes.image.measure import detect, measurement_of, turned, write_detection
-    from capsbayes.show.tables.table import print_parts
+    from capsbayes.report.tables import print_parts
 
     quiet |= as_json
     empty = None if background is None else Picture.read(background)
@@ -107,7 +107,7 @@ def as_record(measured: Measurement) -> dict[str, object]:
 
 def print_outline(measured: Measurement) -> None:
     """Print the errors of the silhouette of a measurement, or why there is none."""
-    from capsbayes.show.tables.table import print_parts
+    from capsbayes.report.tables import print_parts
 
     if measured.outline is None:
         print_parts("The shape does not show which end is the front: no silhouette is kept. Give --flow.")
@@ -123,7 +123,7 @@ def print_outline(measured: Measurement) -> None:
 def _print(detection: Detection, experiment: Experiment) -> None:
     import numpy as np
 
-    from capsbayes.show.tables.table import print_parts, table
+    from capsbayes.report.tables import print_parts, table
 
     half_width, half_width_error = 1e6 * experiment.half_width.mean, 1e6 * experiment.half_width.sd
     rows: list[tuple[str, ...]] = []

@@ -20,7 +20,7 @@ from capsbayes.cli.options import (
 )
 from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.cli.paths import Writes
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 
 def budget(
@@ -47,9 +47,9 @@ def budget(
     from capsbayes.infer import Membrane, Prior, identify
     from capsbayes.measurement import Measurement
     from capsbayes.plan import error_budget
+    from capsbayes.report import budget_figure
+    from capsbayes.report.plan import budget_table
     from capsbayes.run import resumable
-    from capsbayes.show import budget_figure
-    from capsbayes.show.tables.plan import budget_table
 
     measurement = Measurement.read(capsule)
     sheet = membrane_of(Membrane.read(capsule), membrane)

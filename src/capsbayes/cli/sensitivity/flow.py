@@ -21,7 +21,7 @@ from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.cli.paths import Writes
 from capsbayes.cli.sensitivity.membrane_flow import planned_batch_of, print_membrane_flow
 from capsbayes.errors import InputError
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import FlowDesign, FlowPoint, SimulatedWidths
@@ -84,9 +84,9 @@ def _print_flow(
 ) -> None:
     """Design the flow rate for a known law, print and write it."""
     from capsbayes.plan import flow_design, simulated_widths
+    from capsbayes.report import flow_figure
+    from capsbayes.report.plan import flow_table
     from capsbayes.run import tracked
-    from capsbayes.show import flow_figure
-    from capsbayes.show.tables.plan import flow_table
 
     design = flow_design(*expected, **asked, progress=tracked)
     tried = None

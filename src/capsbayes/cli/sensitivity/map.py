@@ -24,7 +24,7 @@ from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import write_dataset
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -103,8 +103,8 @@ def _print_map(
     from capsbayes.plan import identifiability_map
     from capsbayes.plan.membrane import MEMBRANE_GRID
     from capsbayes.plan.widths import NOISES
+    from capsbayes.report import identifiability_figure
     from capsbayes.run import tracked
-    from capsbayes.show import identifiability_figure
 
     count = NOISES if noises is None else noises
     found = identifiability_map(model, known, errors, grid=points or MEMBRANE_GRID, noises=count, progress=tracked)
@@ -130,10 +130,9 @@ def _print_membrane_map(
     """Compute the map with the membrane unknown, print and write it."""
     from capsbayes.plan import membrane_map
     from capsbayes.plan.membrane import MEMBRANE_GRID
+    from capsbayes.report.map import membrane_map_figure
+    from capsbayes.report.plan import expected_words, membrane_map_table
     from capsbayes.run import tracked
-    from capsbayes.show.figures.identifiability import membrane_map_figure
-    from capsbayes.show.tables.membrane_plan import membrane_map_table
-    from capsbayes.show.words.membrane_plan import expected_words
 
     found = membrane_map(known, errors, **of_membrane, grid=points or MEMBRANE_GRID, progress=tracked)
     short = _short_of_membrane(found)

@@ -11,7 +11,7 @@ import typer
 from capsbayes.cli.options import Guess, MembraneKnown, Priors, ScaleError, membrane_of, prior_of
 from capsbayes.cli.output import conclude, model_words, table_file
 from capsbayes.errors import InputError
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.infer import Membrane
@@ -76,9 +76,8 @@ def print_membrane_flow(
     """Design the flow rates for expected G_s, a, experiment and errors, print and write them."""
     from capsbayes.plan import membrane_flow_design
     from capsbayes.quantity import Quantity
+    from capsbayes.report.plan import membrane_flow_figure, membrane_flow_parts
     from capsbayes.run import tracked
-    from capsbayes.show.figures.membrane_plan import membrane_flow_figure
-    from capsbayes.show.terminal.membrane import membrane_flow_parts
 
     given, key = planned.given, "--mean-velocity"
     speeds = [Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s") for text in given[key] or []]

@@ -11,7 +11,7 @@ from capsbayes.cli.options import AsJson, CapsuleFile, ExperimentFile, ModelName
 from capsbayes.cli.output import conclude, model_words
 from capsbayes.cli.paths import Writes
 from capsbayes.errors import InputError
-from capsbayes.show.writers import Writer, figure_file, json_file
+from capsbayes.report.files import Writer, figure_file, json_file
 
 if TYPE_CHECKING:
     from capsbayes.plan import SobolStudy
@@ -45,9 +45,9 @@ def sobol(
 
     from capsbayes.measurement import Measurement
     from capsbayes.plan import sobol_indices
+    from capsbayes.report import sobol_figure
+    from capsbayes.report.plan import sobol_table
     from capsbayes.run import resumable
-    from capsbayes.show import sobol_figure
-    from capsbayes.show.tables.plan import sobol_table
 
     stated = _stated(ranges or [])
     measurement = Measurement.read(capsule)

@@ -1,0 +1,59 @@
+"""Writers of the files of a result."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capsbayes.files.output_file import write_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from capsbayes.infer import Posterior
+
+
+Writer = Callable[[Path], object]
+
+
+def posterior_files(posterior: Posterior) -> dict[str, Writer]:
+    """Return the writers of all files of an identified capsule by the names of the files."""
+    files: dict[str, Writer] = {
+        "posterior.nc": posterior.write,
+        "summary.json": json_file(posterior.as_dict()),
+        "corner.png": figure_file(lambda: _corner(posterior), dpi=110),
+    }
+    if posterior.outlines is not None:
+        files["outline.png"] = figure_file(lambda: _outlines(posterior))
+    return files
+
+
+def json_file(result: Any) -> Writer:
+    """Return a function that writes a result into a JSON file."""
+    return lambda path: write_file(path, json.dumps(result, indent=2) + "\n")
+
+
+def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
+    """Return a function that draws a figure into a file."""
+
+    def write(path: Path) -> None:
+        from capsbayes.report.style import write_figure  # half a second, where no figure is asked for
+
+        write_figure(draw(), path, dpi)
+
+    return write
+
+
+def _corner(posterior: Posterior) -> Figure:
+    from capsbayes.report import corner_plot
+    from capsbayes.report.posterior_figures import SHOWN
+
+    return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
+
+
+def _outlines(posterior: Posterior) -> Figure:
+    from capsbayes.report import outline_figure
+
+    return outline_figure(posterior)

@@ -1,0 +1,252 @@
+"""Sentences and tables of many capsules, on the terminal as on their page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread
+from capsbayes.infer.population import Population
+from capsbayes.infer.selection import NORMAL
+from capsbayes.parameters import PARAMETERS
+from capsbayes.report.numbers import decimals, interval_words, per_cent, together, two_digits, unit_of
+from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
+from capsbayes.status import Status
+
+_MODULUS = PARAMETERS["surface_shear_modulus"]
+_MANY_LEANING = 0.05  # of the capsules on the border
+SHOWN = (
+    *("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio"),
+    *("mean_velocity", "velocity_ratio", "stretch_ratio"),
+)
+KINDS = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
+
+
+def headline(population: Population) -> str:
+    """Return the median of the median G_s of the usable capsules, and the range of 95 % of them, errors in them."""
+    summary = population.summary()
+    if summary.empty:
+        return "No capsule could be identified."
+    row: dict[Any, Any] = summary.loc[_MODULUS.name].to_dict()
+    middle, low, high = (_MODULUS.shown(row[key]) for key in ("median", "lower_95", "upper_95"))
+    digits = decimals(max(0.25 * (high - low), 1e-3 * middle))
+    unit, (shown, *ends) = unit_of(_MODULUS), together((middle, low, high), digits)
+    return f"Median G_s = {shown}{unit}, 95 % of the capsules from {' to '.join(ends)}{unit}"
+
+
+def width_words(population: Population) -> str:
+    """Say how well G_s of a single capsule is known."""
+    half = population.typical_width()
+    if not np.isfinite(half):
+        return ""
+    used = int(population.usable.sum())
+    return f"Median of {used} capsules; the 95 % interval of a single capsule is typically ± {per_cent(half)}."
+
+
+def status_words(population: Population) -> str:
+    """Say how many capsules have intervals that can be used."""
+    number, used = len(population), int(population.usable.sum())
+    if used == number:
+        return f"The intervals of all {number} capsules can be used."
+    others = "the other one is" if number - used == 1 else f"the other {number - used} are"
+    return f"The intervals of {used} of {number} capsules can be used; {others} omitted from the numbers above."
+
+
+def hierarchy_title(stored: Mapping[str, Any]) -> str:
+    """Return the title of the table of a population; `stored` is ``Hierarchy.as_dict()``, as in the file of a run."""
+    least = stored["least_stretch"]
+    kept = "" if least is None else f" with Lambda above {least:g}, which is accounted for"
+    return f"The population: {stored['capsules']} capsules{kept}, their errors removed"
+
+
+def shared_words(stored: Mapping[str, Any]) -> str:
+    """Say which part of the uncertainty more capsules would not reduce."""
+    shares = stored["share_of_variance_owed_to_what_all_share"].items()
+    listed = ", ".join(f"{PARAMETERS[name].symbol} {per_cent(share)}" for name, share in shares)
+    return f"Share of the variance of the medians owed to errors that all capsules share: {listed}."
+
+
+def missing_words(stored: Mapping[str, Any]) -> str:
+    """Say how many capsules are missing because they were too soft, and what modelling them changes; empty if none."""
+    missing = stored.get("missing")
+    if missing is None or missing["median"] < 1.0:
+        return ""
+    number, low, high = (f"{missing[key]:.0f}" for key in ("median", "lower_95", "upper_95"))
+    changes = " and ".join(
+        f"{PARAMETERS[name].symbol} by {'-' if change < 0.0 else '+'}{per_cent(abs(change))}"
+        for name, change in stored["changes_by_the_missing"].items()
+    )
+    return (
+        f"{number} further capsules, 95 % [{low}, {high}], were probably too soft for a steady shape in their flow and "
+        f"are missing among the {stored['capsules']}. This is accounted for; it changes the median {changes}."
+    )
+
+
+def caveats(stored: Mapping[str, Any]) -> list[str]:
+    """Return what a reader of the population must keep in mind, one sentence each; empty if nothing."""
+    failed = [gate for gate in stored["gates"] if not gate["passed"]]
+    sentences = [
+        f"Do not use the intervals of the population: {gate['name']} is {gate['value']:.4g}, wanted {gate['wanted']}."
+        for gate in failed
+    ]
+    leaning = stored["share_leaning_on_border"]
+    if leaning > _MANY_LEANING:
+        sentences.append(
+            f"{per_cent(leaning)} of the capsules lean on the border of the model: the population may extend beyond it."
+        )
+    return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
+
+
+def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
+    """Say what tails that are not those of the population fitted mean for the intervals."""
+    symbol, p = PARAMETERS[name].symbol, stored["tail_p_values"][name]
+    if p > 0.5:
+        return (
+            f"The distribution of {symbol} has lighter tails than the population fitted (posterior predictive p-value "
+            f"{p:.3f}), as that of sorted capsules or of two kinds has: the interval of its spread is too wide."
+        )
+    fitted, advice = "t distributions", "look for odd capsules among them"
+    if stored["tails"] == NORMAL:
+        fitted, advice = "a normal distribution", "repeat with t distributions (capsbayes population --tails student)"
+    return (
+        f"The distribution of {symbol} has heavier tails than {fitted} (posterior predictive p-value {p:.3f}): do not "
+        f"use the interval of its spread; {advice}."
+    )
+
+
+def distribution_headline(stored: Mapping[str, Any] | ModulusSpread) -> str:
+    """Return the median G_s of the capsules and how much they differ, with the errors removed."""
+    middle, spread, _ = _distribution(stored)
+    return f"With the errors removed, the median G_s is {middle}; the capsules differ from it by {spread}"
+
+
+def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
+    """Say how much G_s differs from capsule to capsule, by ``Hierarchy.as_dict()`` or by a spread from elsewhere."""
+    middle, spread, width = _distribution(stored)
+    share, _, band = spread.partition(", ")
+    return (
+        f"With the errors removed, the median G_s of the capsules is {middle}, and they "
+        f"differ from it by {share} ({width}{', ' * bool(band)}{band})."
+    )
+
+
+def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
+    """Return the median G_s of the capsules, their spread, each with its 95 % interval, and what the spread is."""
+    width = "standard deviation of ln G_s"
+    if isinstance(stored, ModulusSpread):
+        medians, spreads = stored.median, stored.relative
+    else:
+        if stored.get("tails", NORMAL) != NORMAL:
+            width = "half the width of the central 68.3 % of ln G_s"
+        quantities, keys = stored["quantities"], ("median", "lower_95", "upper_95")
+        medians, spreads = (
+            np.array([quantities[name][key] for key in keys]) for name in (_MODULUS.name, "modulus_spread")
+        )
+    middle, low, high = map(_MODULUS.shown, medians)
+    shown, *ends = together((middle, low, high), decimals(0.25 * (high - low) or 1e-3 * middle))
+    known = f", 95 % [{', '.join(ends)}]" if high > low else ""
+    middle_sd, *sds = map(per_cent, spreads)
+    band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
+    return f"{shown}{unit_of(_MODULUS)}{known}", f"{middle_sd}{band}", width
+
+
+def status_table(counts: Mapping[Status, int], what: str = "capsules") -> pd.DataFrame:
+    """Return how many ended with which status, the most frequent first."""
+    rows = [(str(count), status.name, str(status)) for status, count in counts.items()]
+    return table((what, "status", "what it means"), rows, numbers=(0,))
+
+
+def summary_table(population: Population) -> pd.DataFrame:
+    """Return median and quartiles of the medians of the usable capsules, and the error of one capsule."""
+    rows = []
+    for name, row in population.summary().iterrows():
+        parameter = PARAMETERS[str(name)]
+        numbers = [parameter.shown(row[key]) for key in ("median", "lower_quartile", "upper_quartile", "error")]
+        middle, low, high, error = together(numbers, two_digits(numbers[-1]))
+        rows.append((Symbols(parameter.label), middle, f"{low} to {high}", error))
+    head = ("", "median", "quartiles", "error of one capsule, 68 %")
+    return table(head, rows, title="Of the capsules that can be used", numbers=(1, 2, 3))
+
+
+def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
+    """Return medians, 68 and 95 % intervals of mean, spread and slope; `stored` is ``Hierarchy.as_dict()``."""
+    rows = []
+    for name, summary in stored["quantities"].items():
+        parameter = PARAMETERS[name]
+        numbers = [parameter.shown(summary[key]) for key in KINDS]
+        middle, *ends = together(numbers, decimals(0.25 * (numbers[4] - numbers[3])))
+        rows.append((Symbols(parameter.label), middle, " to ".join(ends[:2]), " to ".join(ends[2:])))
+    head = ("", "median", "68 % interval", "95 % interval")
+    return table(head, rows, title=hierarchy_title(stored), numbers=(1, 2, 3))
+
+
+def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
+    """Return the capsules, worst first, at most so many."""
+    shown = [name for name in SHOWN if f"{name}_median" in population.dataset]
+    head = ["no.", "capsule", "status", *(Symbols(PARAMETERS[name].label) for name in shown)]
+    head[4:4] = [Symbols(f"{_MODULUS.symbol}: {level} % interval") for level in (68, 95)]
+    names = population["name"] if "name" in population.dataset else np.full(len(population), "")
+    summaries = {name: np.stack([population[f"{name}_{kind}"] for kind in KINDS], axis=1) for name in shown}
+    statuses = population["status"]
+    rows = []
+    for rank, k in enumerate(population.worst_first()[:most], start=1):
+        cells = [Number(str(rank), rank), str(names[k]) or str(k + 1), str(statuses[k])]
+        cells += [_median(name, *summaries[name][k, :3]) for name in shown]
+        cells[4:4] = [_interval(*summaries[_MODULUS.name][k, ends]) for ends in (slice(1, 3), slice(3, 5))]
+        rows.append(cells)
+    return table(head, rows, numbers=(0, *range(3, len(head))))
+
+
+def origin_table(population: Population, source: str) -> pd.DataFrame:
+    """Return file and attributes; the population itself has a table of its own."""
+    attributes = {name: value for name, value in population.attributes.items() if name != "hierarchy"}
+    lines = [("file", source)] if source else []
+    lines += flat(attributes)
+    return table(("", ""), [(name, Code(value) if _is_code(value) else value) for name, value in lines])
+
+
+def _median(name: str, median: float, low: float, high: float) -> Number:
+    if not np.isfinite(median):
+        return Number("–", np.nan)
+    shown = PARAMETERS[name].shown(median)
+    return Number(together((shown,), _digits(name, median, low, high))[0], shown)
+
+
+def _interval(low: float, high: float) -> Number:
+    """An interval of G_s, sorted by the ratio of its ends."""
+    if not np.isfinite(high - low):
+        return Number("–", np.nan)
+    digits = _digits(_MODULUS.name, low, low, 0.5 * (low + high))
+    return Number(interval_words(_MODULUS.name, low, high, digits), high / low)
+
+
+def _digits(name: str, median: float, low: float, high: float) -> int:
+    """Decimals worth showing; three digits where no interval is known."""
+    error = 0.5 * (high - low)
+    return decimals(PARAMETERS[name].shown(error if np.isfinite(error) and error > 0.0 else 1e-3 * abs(median)))
+
+
+def _is_code(value: str) -> bool:
+    return len(value) > 40 and " " not in value.strip()
+
+
+def population_parts(population: Population) -> Iterator[str | pd.DataFrame]:
+    """Yield what is printed of many capsules."""
+    yield Strong(headline(population))
+    yield width_words(population)
+    yield status_words(population)
+    yield status_table(population.counts)
+    yield summary_table(population)
+
+
+def hierarchy_parts(hierarchy: Hierarchy) -> Iterator[str | pd.DataFrame]:
+    """Yield what is printed of the population that the capsules come from."""
+    stored = hierarchy.as_dict()
+    yield hierarchy_table(stored)
+    yield spread_words(stored)
+    yield shared_words(stored)
+    yield missing_words(stored)
+    yield from caveats(stored)

@@ -1,0 +1,294 @@
+"""Sentences and tables of a posterior, on the terminal as on its page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from capsbayes.infer import Posterior
+from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR, add_up
+from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
+from capsbayes.infer.verdict import LEANING_SHARE, RANGE
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
+from capsbayes.parameters import PARAMETERS
+from capsbayes.report.numbers import interval_words, marginal_cells, per_cent, rounded, stated_in, two_digits, unit_of
+from capsbayes.report.tables import Code, Strong, Symbols, table
+
+KEPT = 0.9
+"""Width over that of the prior, above which a parameter kept its prior."""
+_TOLD = 0.5  # the same, below which the data tell it
+_LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
+_LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
+BEYOND_LAWS = 0.3
+"""Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
+_INPUTS = {
+    "outline": "measured outline",
+    "surrogate": "error of the model",
+    REST: "remainder (inputs interact; can be negative)",
+}
+_OBEYS = {
+    "neo-hookean": "is neo-Hookean",
+    "skalak-c-1": "obeys Skalak's law with C = 1",
+    "generalised-hooke-nu-s-0-5": "obeys generalised Hooke's law with a Poisson ratio of 0.5",
+    "skalak": "obeys Skalak's law",
+    "blatz-ko": "obeys the Blatz-Ko law",
+    UNKNOWN: "obeys one of the model's laws",
+}
+_OF_LAW = ("area_dilation_modulus", "strain_hardening", "hardening", "hooke_share")
+BY_MESH = (
+    "The simulations behind this model were computed on one mesh, whose error is included; it makes the intervals wide."
+)
+"""Said of models on the states scattered over the membrane."""
+
+_PLACES = {
+    "model": "the border of the database",
+    TWO_SHAPES: "capillary numbers at which two steady shapes are stable",
+    WRINKLES: "capsules whose membrane wrinkles",
+    UNSURE_SHAPES: "shapes whose lengths the model knows to no better than 5 %",
+}
+
+
+def status_words(posterior: Posterior) -> str:
+    """Say how the identification ended, and for which membranes its intervals are valid."""
+    passed = sum(gate.passed for gate in posterior.gates)
+    gates = f"{passed} of {len(posterior.gates)} checks"
+    if posterior.status.ok:
+        membrane = _membrane_words(posterior.model_name)
+        return f"The computation succeeded ({gates}). The interval is valid if the membrane {membrane}."
+    return f"{posterior.status} ({gates} of the computation passed.)"
+
+
+def _membrane_words(model: str) -> str:
+    """Return what a model of some name assumes of the membrane."""
+    plain, _, further = model.removesuffix(" (silhouettes)").replace(" with ", " at ").partition(" at ")
+    law, changed = plain.partition("-")[2], {part for part in further.split(", ") if part.startswith(_OF_LAW)}
+    if law == "membrane":
+        stated = {law: {f"{name} = {value:g}" for name, value in of.items()} for law, of in LAWS.items()}
+        law, changed = next((law.lower() for law, parts in stated.items() if parts == changed), ""), set()
+    return _OBEYS[law] if law in _OBEYS and not changed else f"is one of those of the model {model}"
+
+
+def caveats(posterior: Posterior) -> list[str]:
+    """Return what a reader must keep in mind, one sentence each; empty if nothing."""
+    parts = (_other_laws, _computation, _borders, _capsule, _coordinates)
+    return [sentence for part in parts for sentence in part(posterior)]
+
+
+def agreement_words(posterior: Posterior) -> str:
+    """Say how far the two engines agree; empty if only one was used."""
+    if posterior.agreement is None:
+        return ""
+    said = str(posterior.agreement).capitalize()
+    return f"By quadrature: the same posterior computed on a grid instead of sampled. {said}."
+
+
+def input_words(name: str) -> str:
+    """Return an input of the error budget by its symbol and meaning."""
+    parameter = PARAMETERS.get(name)
+    return f"{parameter.symbol}, {parameter.meaning}" if parameter else _INPUTS.get(name, name)
+
+
+def later_words(name: str) -> str:
+    """Return what may be measured later, as in `capsbayes.infer.identify`."""
+    if name == THICKNESS:
+        return f"the thickness of the membrane to {per_cent(THICKNESS_ERROR)}"
+    if name == "outline":
+        return f"the outline to {OUTLINE_NOISE.scale:g} l"
+    if name in FLOWS:
+        return f"the same capsule at {FLOWS[name]:g} times the flow rate"
+    return f"{PARAMETERS[name].symbol} known ({PARAMETERS[name].meaning})"
+
+
+def budget_sentence(posterior: Posterior) -> str:
+    """Say which input to measure better first."""
+    if not posterior.shares:
+        return "What each input contributes to the uncertainty of G_s was not computed."
+    name = max(posterior.shares.keys() - {REST}, key=lambda name: posterior.shares[name])
+    share = f" ({per_cent(posterior.shares[name])} of the variance of ln G_s)" if add_up(posterior.shares) else ""
+    words = f"the {_INPUTS[name]}" if name in _INPUTS else input_words(name)
+    return f"The largest contribution to the uncertainty of G_s is {words}{share}."
+
+
+def _other_laws(posterior: Posterior) -> Iterator[str]:
+    if posterior.modulus_over_laws is not None:
+        name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
+        digits = two_digits(known.shown(posterior.modulus_over_laws[0]))
+        ends = interval_words(name, *posterior.modulus_over_laws, digits)
+        yield (
+            f"Another membrane law could give the same lengths with any G_s from {ends} {known.shown_unit}. Choose "
+            "'unknown' as the law (on the command line: --membrane unknown) to include this in the interval."
+        )
+
+
+def _computation(posterior: Posterior) -> Iterator[str]:
+    for gate in posterior.gates:
+        if not gate.passed:
+            yield f"A check failed: {gate.name} is {gate.value:.4g}, wanted {gate.wanted}."
+    if posterior.agreement is not None and not posterior.agreement.passed:
+        yield f"Checked a second way, {posterior.agreement}."
+
+
+def _borders(posterior: Posterior) -> Iterator[str]:
+    for border, share in posterior.leaning.items():
+        if share > LEANING_SHARE:
+            of_model = "range of the model in" if border.startswith(RANGE) else "prior range of"
+            name = border.removeprefix("prior of ").removeprefix(RANGE)
+            known = f"the end of the {of_model} {PARAMETERS[name].symbol}" if name in PARAMETERS else border
+            yield f"{per_cent(share)} of the posterior lies next to {_PLACES.get(border, known)}."
+
+
+def _capsule(posterior: Posterior) -> Iterator[str]:
+    if posterior.measurement.axial_length is None:
+        yield "The length on the axis L_a was not seen; its information is missing from the intervals."
+    if posterior.measurement.walls:
+        yield f"The half width in px is that of {posterior.measurement.walls}."
+    if posterior.measurement.doubt:
+        yield posterior.measurement.doubt
+    stretch = posterior.marginals["stretch_ratio"]
+    if stretch.median < _LEAST_STRETCH:
+        yield (
+            f"The membrane is stretched by {per_cent(stretch.median - 1.0)} only: small errors of the lengths are "
+            "large ones of G_s. A faster flow would determine G_s better."
+        )
+    modulus = posterior.marginals["surface_shear_modulus"]
+    factor = modulus.upper_95 / modulus.lower_95
+    if factor > _LOOSE:
+        yield f"The 95 % interval of G_s is wide: its ends differ by a factor of {factor:.2g}."
+
+
+def _coordinates(posterior: Posterior) -> Iterator[str]:
+    """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
+    if "-membrane" in posterior.model_name:
+        yield BY_MESH
+    if posterior.log_modulus_sd_if_known is None:
+        return
+    for name, width in posterior.widths_over_prior().items():
+        told = "kept its prior" if width > KEPT else f"is told {'' if width < _TOLD else 'in part '}by the data"
+        yield f"{input_words(name)}, {told}: its 68 % interval is {per_cent(width)} as wide as that of its prior."
+    yield (
+        f"ln G_s has a standard deviation of {posterior.log_modulus_sd:.2g}; were the membrane known, "
+        f"{posterior.log_modulus_sd_if_known:.2g}."
+    )
+    if posterior.measurement.outline is not None and "strain_hardening" in posterior.widths_over_prior():
+        yield (
+            "The intervals are those of the model's laws. A membrane of another law may have the same outline: if it "
+            f"obeys generalised Hooke's, this G_s is some {per_cent(BEYOND_LAWS)} too large."
+        )
+    expected = posterior.expected_log_modulus_sds
+    if expected:
+        best = min(expected, key=lambda name: expected[name])
+        yield f"Of one more measurement, {later_words(best)} would narrow ln G_s most: to {expected[best]:.2g}."
+
+
+def quantity_table(posterior: Posterior) -> pd.DataFrame:
+    """Return median and intervals of every quantity, with the second engine and the published procedure."""
+    answer = {} if posterior.deterministic is None else posterior.deterministic.as_dict()
+    head = ["", "median", "68 % interval", "95 % interval"]
+    head += ["quadrature"] * bool(posterior.reference) + ["published"] * bool(answer)
+    rows = []
+    for name, marginal in posterior.marginals.items():
+        parameter = PARAMETERS[name]
+        digits = two_digits(parameter.shown(marginal.sd))
+        others = [posterior.reference[name].median] if posterior.reference else []
+        others += [answer.get(name, math.nan)] if answer else []
+        cells = [rounded(parameter.shown(value), digits) if math.isfinite(value) else "" for value in others]
+        rows.append([Symbols(parameter.label), *marginal_cells(name, marginal), *cells])
+    title = f"Posterior by {posterior.engine}: median and equal-tailed intervals"
+    return table(head, rows, title=title, numbers=range(1, len(head)))
+
+
+def budget_table(posterior: Posterior) -> pd.DataFrame | None:
+    """Return the share of each input in the variance of ln G_s, the largest first; None if they do not add up."""
+    if not add_up(posterior.shares):
+        return None
+    ordered = sorted(posterior.shares.items(), key=lambda item: (item[0] == REST, -item[1]))
+    rows = [(Symbols(input_words(name)), f"{100.0 * share:.1f} %") for name, share in ordered]
+    head = ("source", Symbols("share of the variance of ln G_s"))
+    return table(head, rows, title="Error budget", numbers=(1,), bars=[share for _, share in ordered])
+
+
+def narrowing_table(posterior: Posterior) -> pd.DataFrame:
+    """Return the expected standard deviation of ln G_s after one more measurement, the narrowest first."""
+    expected = posterior.expected_log_modulus_sds
+    ordered = sorted(expected.items(), key=lambda item: item[1])
+    rows = [(Symbols("nothing"), f"{posterior.log_modulus_sd:.2g}")]
+    rows += [(Symbols(later_words(name)), f"{sd:.2g}") for name, sd in ordered]
+    head = ("measured in addition", Symbols("expected sd of ln G_s"))
+    return table(head, rows, title="What would narrow it", numbers=(1,))
+
+
+def input_table(posterior: Posterior) -> pd.DataFrame:
+    """Return what was measured and known, each with its error."""
+    rows = [
+        (Symbols(input_words(name)), *_with_error(name, stated))
+        for name, stated in posterior.as_dict()["inputs"].items()
+        if isinstance(stated, dict) and stated.get("value") is not None
+    ]
+    return table(("input", "value ± standard error", "relative error"), rows, title="Inputs", numbers=(1, 2))
+
+
+def prior_table(posterior: Posterior) -> pd.DataFrame:
+    """Return the prior of each parameter."""
+    rows = []
+    for name, prior in posterior.as_dict()["prior"].items():
+        shown = PARAMETERS[name]
+        ends = [f"{shown.shown(prior[end]):g}" for end in ("low", "high")]
+        words = f"{prior['distribution']} from {ends[0]} to {ends[1]}{unit_of(shown)}"
+        if math.isinf(prior["low"]) or math.isinf(prior["high"]):
+            mean, sd = (f"{shown.shown(prior[key]):g}" for key in ("mean", "sd"))
+            words = f"{prior['distribution']}, {mean} ± {sd}{unit_of(shown)}"
+        if prior.get("sd") == 0.0:
+            words = f"known, {shown.shown(prior['mean']):g}{unit_of(shown)}"
+        rows.append((Symbols(shown.symbol), shown.meaning, words))
+    return table(("", "", "prior"), rows, title="Priors")
+
+
+def check_table(posterior: Posterior) -> pd.DataFrame:
+    """Return every check of the computation, whether it passed."""
+    rows = []
+    for gate in posterior.gates:
+        value = f"{gate.value:.0f}" if abs(gate.value) >= 1e4 else f"{gate.value:.4g}"
+        rows.append(("passed" if gate.passed else Strong("FAILED"), gate.name, value, gate.wanted))
+    return table(("", "check", "found", "wanted"), rows, title="Checks of the computation", numbers=(2,))
+
+
+def origin_table(posterior: Posterior) -> pd.DataFrame:
+    """Return where it comes from: files and their hashes, database, engine, seed, version."""
+    files = (("capsule", posterior.measurement), ("experiment", posterior.experiment))
+    rows: list[tuple[str, ...]] = []
+    rows += [(what, Path(file.source).name, Code(file.sha256 or "not known")) for what, file in files if file.source]
+    rows += [
+        ("model", posterior.model_name, Code(posterior.model_sha256)),
+        ("cross-section of the channel", posterior.experiment.cross_section, ""),
+        ("engine", posterior.engine, ""),
+        ("seed", str(posterior.seed), ""),
+        ("capsbayes", f"version {posterior.version}", ""),
+    ]
+    return table(("", "", "sha256"), rows, title="Origin")
+
+
+def _with_error(name: str, stated: dict[str, Any]) -> tuple[str, str]:
+    """Value with its error in the display unit, and the relative error."""
+    scale, unit = stated_in(name, stated["unit"])
+    value, error = scale * stated["value"], scale * (stated["error"] or 0.0)
+    if not error:
+        return Symbols(f"{value:g}{unit}"), "taken as known"
+    digits = two_digits(error)
+    return Symbols(f"{value:.{digits}f} ± {error:.{digits}f}{unit}"), f"{100.0 * error / value:.2g} %"
+
+
+def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
+    """Yield what is printed of a posterior."""
+    yield quantity_table(posterior)
+    yield agreement_words(posterior)
+    yield "" if (budget := budget_table(posterior)) is None else budget
+    yield budget_sentence(posterior)
+    if posterior.expected_log_modulus_sds:
+        yield narrowing_table(posterior)
+    yield input_table(posterior)
+    yield prior_table(posterior)
+    yield from caveats(posterior)

@@ -1,0 +1,324 @@
+"""Figures and page of one capsule: corner plot, outline in the channel, and outline over the picture."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from capsbayes.arrays import Floats
+from capsbayes.errors import InputError
+from capsbayes.files.input_file import PICTURES
+from capsbayes.infer import Marginal, Posterior
+from capsbayes.infer.outline import aligned_with, band
+from capsbayes.measurement import MID_PLANE
+from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.report import posterior as texts
+from capsbayes.report.numbers import two_digits, unit_of, value_words
+from capsbayes.report.page import image, page, picture
+from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure
+
+if TYPE_CHECKING:
+    from capsbayes.image.detect import Detection
+
+SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
+
+_MOST_DRAWS = 20_000  # more make the corner plot no smoother
+_CORNER = {
+    "bins": 36,
+    "smooth": 0.8,
+    "smooth1d": 0.8,
+    "color": INK,
+    "levels": (0.68, 0.95),
+    "plot_datapoints": False,
+    "no_fill_contours": True,
+    "fill_contours": True,
+    "contourf_kwargs": {"colors": ["white", FILL, PALE]},
+    "label_kwargs": {"fontsize": 12},
+    "labelpad": 0.04,
+    "max_n_ticks": 4,
+    "quiet": True,
+}
+_THICKNESS = 0.14  # of the walls, over l
+_DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
+_TOP = 1.8  # of the picture of the outline, over l
+_PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
+_AROUND = 1.25  # of the photograph that is shown, either side of the axis, over l
+_BAR = 0.25  # of the photograph's width, at most
+_OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
+_WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
+
+
+def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
+    """Draw every pair of quantities with 68 % and 95 % contours, and each alone with median and 68 % interval.
+
+    The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
+    each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
+    """
+    import corner  # it imports arviz, a second
+
+    shown = [PARAMETERS[name] for name in names if name in posterior.draws]
+    draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
+    draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
+    lows, highs = draws.min(axis=0), draws.max(axis=0)
+    margins = np.where(lows < highs, 0.0, 0.5)  # of a quantity without spread
+    ends = list(zip(lows - margins, highs + margins, strict=True))
+    answer = posterior.deterministic and posterior.deterministic.as_dict()
+    figure = new_figure(2.1 * len(shown) + 1.3, 2.1 * len(shown) + 1.3, layout=None)
+    corner.corner(draws, fig=figure, range=ends, labels=[parameter.axis_label for parameter in shown], **_CORNER)
+    for place, ax in enumerate(figure.axes):
+        row, column = divmod(place, len(shown))
+        up, across = shown[row], shown[column]
+        if column > row:
+            ax.remove()
+        elif column < row:
+            ax.set_label(f"{up.name} {across.name}")
+            if answer:
+                ax.plot(across.shown(answer[across.name]), up.shown(answer[up.name]), "D", color=ACCENT, markersize=5)
+        else:
+            ax.set_label(up.name)
+            marginal = posterior.marginals[up.name]
+            ax.set_title(_title(up, marginal), fontsize=11)
+            lines = [up.shown(end) for end in (marginal.lower_68, marginal.median, marginal.upper_68)]
+            ax.vlines(lines, 0.0, 1.0, transform=ax.get_xaxis_transform(), colors=INK, linestyles="dashed")
+            if answer:
+                line = ax.axvline(up.shown(answer[up.name]), color=ACCENT, linewidth=1.4)
+    if answer:
+        words = "deterministic answer (diffuse approximation)"
+        figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
+    return figure
+
+
+def _title(parameter: Parameter, marginal: Marginal) -> str:
+    """Median and the distances to the ends of the 68 % interval, to two digits of the smaller."""
+    middle, low, high = map(parameter.shown, (marginal.median, marginal.lower_68, marginal.upper_68))
+    digits = two_digits(max(min(middle - low, high - middle), 1e-12 * abs(middle)))
+    errors = f"_{{-{middle - low:.{digits}f}}}^{{+{high - middle:.{digits}f}}}"
+    return f"${parameter.latex} = {middle:.{digits}f}{errors}${unit_of(parameter)}"
+
+
+def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
+    """Draw `outline_plot` alone on a figure of a width [inch] that fits it."""
+    left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
+    figure = new_figure(width, width, layout=None)
+    ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))
+    wide = width - left - right
+    high = wide * np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim())
+    height = high + bottom + top
+    figure.set_size_inches(width, height)
+    ax.set_position((left / width, bottom / height, wide / width, high / height))
+    return figure
+
+
+def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
+    """Draw the mean predicted outline between the walls with its 95 % band along the normal, all over l.
+
+    The points of a measured outline are shifted and turned onto it. The measured lengths are arrows that start at the
+    predicted nose; their ends are shaded over two standard errors either side.
+    """
+    if posterior.outlines is None:
+        raise InputError("outline_plot", "posterior", "a posterior with outlines", f"none from {posterior.model_name}")
+    middle, inner, outer = band(posterior.outlines)
+    nose = float(middle[:, 0].max())
+    ends = (float(middle[:, 0].min()) - 0.55, nose + 0.55)
+    draw_walls(ax, ends, 1.0 + _THICKNESS, color=None, facecolor="#e6e6e6", edgecolor=WALL, hatch="////")
+    for side in (-1.0, 1.0):
+        ax.plot(ends, [side, side], color="#555555", linewidth=1.2)
+    ax.fill(*closed(outer).T, color=PALE, linewidth=0, label="95 % of the posterior", zorder=2)
+    ax.fill(*closed(inner).T, color="#f3f8fb", linewidth=0, zorder=2.1)
+    seen = posterior.measurement.outline
+    shown = "outline" if seen is None or seen.view == MID_PLANE else seen.view
+    ax.plot(*closed(middle).T, color=INK, linewidth=1.6, label=f"predicted {shown}", zorder=3)
+    if seen is not None:
+        measured, _ = aligned_with(seen.points, middle)
+        ax.plot(*measured.T, ".", color=ACCENT, markersize=2.0, label="measured outline", zorder=4)
+    _draw_lengths(ax, posterior, nose)
+    _label_outline(ax, posterior, ends)
+    return ax
+
+
+def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
+    measured = posterior.measurement
+    scale = 1.0 if measured.over_half_width else posterior.inputs.half_width.value
+    lines = [("z", measured.axial_extent, measured.axial_extent_error, _DIMENSION_LINE)]
+    if measured.axial_length is not None and measured.axial_length_error is not None:
+        lines.append(("a", measured.axial_length, measured.axial_length_error, 0.0))
+    arrow = {"arrowstyle": "<|-|>", "color": ACCENT, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
+    for symbol, length, error, height in lines:
+        length, error = length / scale, error / scale
+        rear, ends = nose - length, [height - 0.09, height + 0.09]
+        ax.annotate("", (rear, height), (nose, height), arrowprops=arrow, zorder=5)
+        label = "measured, ±2 standard errors" if height else None
+        sides = rear - 2 * error, rear + 2 * error
+        ax.fill_betweenx(ends, *sides, color=ACCENT, alpha=0.3, linewidth=0, zorder=4, label=label)
+        text = rf"$L_{{\mathrm{{{symbol}}}}}/\ell = {length:.3f} \pm {error:.3f}$"
+        middle = nose - 0.5 * length, height + 0.05
+        ax.text(*middle, text, color=ACCENT, ha="center", va="bottom", fontsize=12, zorder=6)
+    for z, low in ((nose, 0.0), (nose - measured.axial_extent / scale, -0.2)):
+        ax.plot([z, z], [low, _DIMENSION_LINE + 0.06], ":", color=ACCENT, linewidth=1.0, zorder=1.5)
+
+
+def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
+    """Label the axes and say the direction of the flow and the medians."""
+    micrometres = 1e6 * posterior.inputs.half_width.value
+    flow: dict[str, Any] = {"va": "center", "ha": "right", "fontsize": 11, "color": "#555555"}
+    arrow = {"arrowstyle": "-|>", "color": "#555555"}
+    ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), arrowprops=arrow, **flow)
+    ax.set(xlim=ends, ylim=(-1.0 - _THICKNESS, _TOP), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
+    ax.set_yticks([-1.0, -0.5, 0.0, 0.5, 1.0])
+    to_micrometres = partial(np.multiply, micrometres), partial(np.multiply, 1.0 / micrometres)
+    top = ax.secondary_xaxis("top", functions=to_micrometres)
+    top.set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
+    framed(ax, ("right",))
+    ca, size = posterior.marginals["capillary_number"], posterior.marginals["size_ratio"]
+    text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
+    ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top", fontsize=11)
+    handles, labels = ax.get_legend_handles_labels()
+    order = [1, 0, *range(2, len(handles))]  # the line before its band
+    columnspacing, handlelength, fontsize = (1.5, 1.6, 10) if len(order) < 4 else (1.0, 1.2, 8.5)
+    sizes: dict[str, Any] = {"columnspacing": columnspacing, "handlelength": handlelength, "fontsize": fontsize}
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.075), "ncols": len(order)}
+    ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **sizes)
+
+
+def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
+    """Draw the predicted outline over the picture that the capsule was measured in, at a width in inches.
+
+    Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose. Returns None if
+    no single capsule between two walls is found, or the model predicts no outlines.
+    """
+    from capsbayes.image.files import Picture
+    from capsbayes.image.measure import detect
+
+    seen = Picture.read(picture)
+    detection = detect(seen)
+    walls = detection.walls
+    if posterior.outlines is None or not detection.status.ok or walls is None or detection.outline is None:
+        return None
+    rows, columns = seen.shape
+    top = max(walls.centre_row - _AROUND * walls.half_width, 0.0)
+    bottom = min(walls.centre_row + _AROUND * walls.half_width, rows - 1.0)
+    figure, ax = _photograph_alone(seen.grey, width, width * (bottom - top) / columns, 0.4)
+    predicted = on_picture(band(posterior.outlines)[0], detection)
+    ax.plot(*closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
+    ax.plot(*closed(detection.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
+    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.value, columns, bottom)
+    ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
+    figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)
+    return figure
+
+
+def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
+    """Draw a picture alone, in grey, at a width in inches."""
+    from capsbayes.image.files import Picture
+
+    grey = Picture.read(picture).grey
+    return _photograph_alone(grey, width, width * grey.shape[0] / grey.shape[1])[0]
+
+
+def _photograph_alone(grey: Floats, width: float, height: float, below: float = 0.0) -> tuple[Figure, Axes]:
+    """A figure that a grey picture fills, but for a margin below; all in inches."""
+    figure = new_figure(width, height + below, layout=None)
+    ax = figure.add_axes((0.0, below / (height + below), 1.0, 1.0 - below / (height + below)))
+    ax.imshow(grey, cmap="gray", interpolation="nearest")
+    ax.set_axis_off()
+    return figure, ax
+
+
+def on_picture(outline: Floats, detection: Detection) -> Floats:
+    """Lay an outline (z, y) on the capsule that was detected in a picture, nose on nose : (p, 2) array [l] to [px].
+
+    The detection has walls, outline and nose; the flow is towards rising z.
+    """
+    walls, nose = detection.walls, detection.nose
+    assert walls is not None, "of a capsule that was measured"
+    assert nose is not None, "of a capsule that was measured"
+    downstream = (detection.flow or 1) * walls.along
+    behind = outline[:, 0] - outline[:, 0].max()
+    tip = detection.axis + nose.distance * downstream
+    return np.asarray(tip + walls.half_width * (behind[:, None] * downstream + outline[:, 1:] * walls.across))
+
+
+def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
+    """A bar of a round length in the corner, dark around so that it shows on any picture; `pixels` make a metre."""
+    most = _BAR * columns / pixels
+    size = 10.0 ** np.floor(np.log10(most))
+    size *= max(factor for factor in (1.0, 2.0, 5.0) if factor * size <= most)
+    length = size * pixels
+    start, height = 0.03 * columns, bottom - 0.03 * columns
+    ax.plot([start, start + length], [height, height], color="black", linewidth=5.0, solid_capstyle="butt")
+    ax.plot([start, start + length], [height, height], color="white", linewidth=2.5, solid_capstyle="butt")
+    text = ax.text(start + 0.5 * length, height - 0.012 * columns, f"{1e6 * size:g} µm", color="white", ha="center")
+    text.set_bbox({"facecolor": "black", "alpha": 0.6, "pad": 1.5, "linewidth": 0})
+
+
+def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
+    """Return a posterior as a whole page in HTML, with the pictures of `capsule_pictures` within it."""
+    caption = "Every pair: contours hold 68 % and 95 % of the probability. Each alone: median and 68 % interval."
+    figure = corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
+    source = posterior.measurement.source
+    return page(
+        "posterior.html",
+        posterior=posterior,
+        texts=texts,
+        name=Path(source).name if source else "without a name",
+        headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
+        pictures=list(capsule_pictures(posterior, capsule, folder)),
+        corner=picture(figure, "corner plot of the posterior", caption, fit="scroll"),
+    )
+
+
+def capsule_pictures(
+    posterior: Posterior, capsule: str | Path | None = None, folder: Path | None = None
+) -> Iterator[Markup]:
+    """Yield the pictures of a capsule; the folder is that of the ``overlay.png`` of its measurement."""
+    yield from _photograph(posterior, capsule, folder)
+    if posterior.outlines is not None:
+        caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
+        alternative = "predicted outline and measured lengths in the channel"
+        yield picture(outline_figure(posterior), alternative, caption, fit="narrow")
+
+
+def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
+    """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
+    figure, by_hand = None, posterior.measurement.walls  # walls by hand: others would be found in the picture again
+    known = _measured_in(posterior) if capsule is None else Path(capsule)
+    if known is not None and not by_hand:
+        figure = picture_figure(posterior, known, width=_WIDTH)
+    if known is not None and figure is not None:
+        caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
+        alternative = "picture of the capsule with measured and predicted outline"
+        yield picture(figure, alternative, caption, png=True, fit="narrow")
+    elif capsule is not None and not by_hand:
+        caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
+        yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True, fit="narrow")
+    else:
+        yield from _overlay(posterior, folder)
+
+
+def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
+    """The picture with the detected capsule, from the folder of the result or of the measurement."""
+    source = posterior.measurement.source
+    folders = [folder, Path(source).parent if source else None]
+    drawn = next((place / _OVERLAY for place in folders if place and (place / _OVERLAY).is_file()), None)
+    if drawn is not None:
+        caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
+        caption += " Dashed walls and a dotted axis were stated by hand." * bool(posterior.measurement.walls)
+        alternative = "picture of the capsule with what was found in it"
+        yield image(drawn.read_bytes(), "png", alternative, caption, fit="narrow")
+
+
+def _measured_in(posterior: Posterior) -> Path | None:
+    """The picture that the capsule was measured in, if it is still there unchanged."""
+    source = Path(posterior.measurement.source)
+    if source.suffix.lower() not in PICTURES or not source.is_file():
+        return None
+    same = hashlib.sha256(source.read_bytes()).hexdigest() == posterior.measurement.sha256
+    return source if same else None

@@ -1,1 +1,0 @@
-"""Sentences about results, the same on the terminal and on pages."""
