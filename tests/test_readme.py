@@ -8,9 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import silhouettes
 
-from evidence.benchmarks import population_coverage
+from evidence.benchmarks import population_coverage, silhouettes
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -127,7 +127,7 @@ def test_a_data_frame():
         assert list(found.refusals) == ["", ""]
     comma = FRAMES["texts"] | {"capsule_velocity": ["6,2 mm/s", "6.0 +/- 0.1 mm/s"]}
     first, second = MeasuredLengths.of_frame(pd.DataFrame(comma)).refusals  # a row alone is refused
-    assert "expected a number, got '6,2 mm/s'" in first
+    assert "expected a number, got a decimal comma in '6,2 mm/s'" in first
     assert second == ""
     for heading, message in (
         ("capsule_velocity [mm]", "expected a unit of capsule velocity, as m/s, got '1 mm'"),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -40,7 +40,9 @@ from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import ForwardModel
 from capsbayes.prediction import Prediction
 from capsbayes.status import Status
-from capsbayes.surrogate import MembraneSurrogate
+
+if TYPE_CHECKING:
+    from capsbayes.surrogate import MembraneSurrogate
 
 # Expected width of G_s after one more measurement of a capsule, for a model with several further coordinates.
 #
@@ -216,6 +218,8 @@ def _opened(cross_section: str) -> MembraneSurrogate:
 
 @functools.cache
 def _begun(cross_section: str) -> Future[MembraneSurrogate]:
+    from capsbayes.surrogate import MembraneSurrogate  # slow to import
+
     thread = ThreadPoolExecutor(1)
     future = thread.submit(MembraneSurrogate.open, cross_section)
     thread.shutdown(wait=False)

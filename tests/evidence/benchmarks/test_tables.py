@@ -40,7 +40,7 @@ def tables():
     for module in (speed, conditions, film_silhouettes, off_axis, omitted_effects, flow_rates, membrane_effects):
         yield module.PAGE, module.BEGIN + module.table(stored(module)) + module.END
     for module in SESSIONS:
-        lines = [*hidden_sessions.table(module.ROWS, module.stored()), ""]
+        lines = [*hidden_sessions.table(module.ROWS, hidden_sessions.stored(module.STORED)), ""]
         yield hidden_sessions.PAGE, "\n".join(lines).join(module.MARKS)
     for marks, table in zip(silhouettes.MARKS, (silhouettes.coverage_table, silhouettes.width_table), strict=True):
         yield silhouettes.PAGE, table(stored(silhouettes)).join(marks)
@@ -102,9 +102,8 @@ def test_nothing_is_claimed_of_flow_rates_where_nothing_is_hidden_and_no_name_is
 @pytest.mark.parametrize("module", SESSIONS)
 def test_no_name_of_a_session_is_wrong(module):
     rows = {row.hidden: row for row in module.ROWS}
-    outcomes = [
-        (answer["hidden"], hidden_sessions.outcome(rows[answer["hidden"]], answer)) for answer in module.stored()
-    ]
+    answers = hidden_sessions.stored(module.STORED)
+    outcomes = [(each["hidden"], hidden_sessions.outcome(rows[each["hidden"]], each)) for each in answers]
     assert outcomes
     assert not {hidden for hidden, outcome in outcomes if outcome in ("**wrong name**", "ambiguous without it")}
 
@@ -115,11 +114,11 @@ def test_sizes_that_are_found_in_pictures_are_true():
     rows = {row.hidden: row for row in picture_sessions.ROWS}
     held = [
         low <= sizes[name] <= high
-        for answer in picture_sessions.stored()
+        for answer in hidden_sessions.stored(picture_sessions.STORED)
         for name, (low, high) in answer["intervals_95"].items()
         if rows[answer["hidden"]].truth == (name,)
     ]
-    assert len(held) == sum(len(answer["names"]) == 1 for answer in picture_sessions.stored())
+    assert len(held) == sum(len(answer["names"]) == 1 for answer in hidden_sessions.stored(picture_sessions.STORED))
     assert sum(held) >= len(held) - 1
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from capsbayes.cli.effects_file import own_effects
+from capsbayes.database import Database
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Verdict
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Noise, _pairs, draw_session, edge_errors
 from capsbayes.effects import catalogue
@@ -41,6 +42,11 @@ ANSWER = Answer(
     outcome="right", names=["halo"], p_value=2e-4, shapes=[1, 2, 3], log_score=-0.1, modulus=0.02, modulus_low=-0.05,
     modulus_high=0.1, apparent=0.2, true_size=5e-7, size=4.9e-7, low=4.2e-7, high=5.6e-7, seconds=30.0,
 )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def square_database():
+    return Database.open("square-neo-hookean")
 
 
 def outcome(cell, verdict, *steps, something_else=False):
