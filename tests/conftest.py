@@ -16,8 +16,8 @@ ROUNDING_CANNOT_REACH = (  # of the folders above: interrupted work, texts, file
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported
     os.environ.setdefault(name, "1")
-# read when a worker process starts: glibc then gives arrays of a megabyte back to the system as soon as they are free
-os.environ |= {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": str(2**20)}
+# read when a worker process starts: glibc then gives arrays of some megabytes back to the system once they are free
+os.environ |= {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": str(2**22)}
 
 
 def pytest_collection_modifyitems(items):
