@@ -175,6 +175,8 @@ SIMULATED: Mapping[str, Simulated] = MappingProxyType(
 def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     """Return the effects that come with the library, for a channel of a cross-section, by name of their parameter.
 
+    Examples
+    --------
     >>> sorted(catalogue())[:3]
     ['area_dilation_modulus', 'bending', 'corner_radius']
     """
