@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import functools
+import importlib.util
 import re
 import shlex
 import shutil
@@ -83,6 +85,17 @@ def test_the_files_that_commands_read_are_in_the_project_or_written_by_a_command
                 there = (ROOT / name).exists() or any(name.startswith(folder) for folder in made)
                 assert there or name.startswith(".venv/"), f"{page.name}: {name}"
             made += written
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_what_a_page_imports_and_the_modules_that_it_runs_exist(page):
+    for module in re.findall(r"python -m (evidence(?:\.[a-z_]+)*)", page.read_text()):
+        assert importlib.util.find_spec(module), module
+    for language, text in blocks(page):
+        for node in ast.walk(ast.parse(text)) if language == "python" else ():
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("capsbayes"):
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, name.name) for name in node.names), node.module
 
 
 @pytest.mark.parametrize("name", PRINTED)

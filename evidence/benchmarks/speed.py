@@ -287,9 +287,10 @@ def predicted(method: str) -> Callable[[], Row]:
         from capsbayes.surrogate import Surrogate
         from evidence.benchmarks import interpolators
 
-        ours = Surrogate(Database.open("square-neo-hookean"))
+        database = Database.open("square-neo-hookean")
+        ours = Surrogate(database)
         part, count = ours.branches[0], 100_000 if method == "ours" else 10_000
-        known, held_out = interpolators.split(Database.open("square-neo-hookean").converged, part.branch)
+        known, held_out = interpolators.split(database.converged, part.branch)
         points = interpolators.some_points(ours, count)
         places = part.scaling.to_plane(*points.T)
         learn = {

@@ -223,6 +223,8 @@ def test_no_disagreement_or_too_few_capsules_make_a_shorter_page(model):
     page = study_page(study)
     assert study.verdict is Verdict.NONE
     assert "No disagreement was found" in page
+    assert "How the capsules compare with it" in page
+    assert "Where the capsules disagree with it" not in page
     assert "What would explain it" not in page
     assert "1 capsules were left out" in page
     assert "expected &lt;this&gt;" in page
