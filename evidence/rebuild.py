@@ -13,7 +13,7 @@ from capsbayes.arrays import Floats
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable
-from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
 from capsbayes.physics.build import (
     Cases,
     SteadySimulator,
@@ -177,6 +177,7 @@ def spread_points(states: int, border_states: int) -> Floats:
 def membrane_places(continuation: Continuation, points: Floats) -> Floats:
     """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
     places = points.copy()
+    places[:, -1] *= continuation.axes[-1].unit(RANGES[-1][1])  # no larger a bending stiffness than the model holds for
     _, size, inflation, _, hardening, _ = continuation.values(places).T
     cross_section = str(continuation.settings["cross_section"])
     low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)

@@ -74,8 +74,9 @@ def lowest_ca(pre_inflation: ArrayLike) -> Floats:
 def covered(values: Floats, cross_section: str = "square") -> Booleans:
     """Return whether values (n, 6) of the parameters lie where states were sought : (n,) bool array."""
     low, high = np.array(RANGES).T
+    rounding = 1e-12 * (high - low)
     ca, size, inflation, _, hardening, _ = values.T
-    within = np.all((values >= low) & (values <= high), axis=1)
+    within = np.all((values >= low - rounding) & (values <= high + rounding), axis=1)
     return np.asarray(within & (ca >= lowest_ca(inflation)) & (ca <= highest_ca(size, hardening, cross_section)))
 
 

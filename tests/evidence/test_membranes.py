@@ -5,7 +5,7 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
-from capsbayes.physics.scattered import membrane_continuation, nearest_state
+from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states
 from evidence.rebuild import build_membranes, membrane_places, spread_points
 
 
@@ -45,13 +45,21 @@ def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stor
     assert (ahead.unknowns[-2] - state.unknowns[-2]) / 1e-3 == pytest.approx(rate.sum(), rel=0.02, abs=1e-3)
 
 
-def test_a_shipped_state_is_found_again_on_a_finer_mesh():
+def test_a_shipped_state_is_found_again_on_a_finer_mesh_and_kept(tmp_path):
     shipped, finer = MembraneDatabase.open("square"), membrane_continuation("square", 10)
     chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
-    place = finer.places(shipped["values"][chosen][None])[0]
-    state = finer.reached(nearest_state(shipped, finer, place), place, derivatives=False)
+    here = {"folder": tmp_path / "parts", "scheduler": "synchronous", "progress": False}
+    [state] = refined_states(shipped.taken([chosen]), finer, **here)
     assert len(state.unknowns) > len(shipped["mesh_mean"]) + 2
-    assert state.unknowns[-2] == pytest.approx(shipped["numbers"][chosen, 2], rel=0.01)
+    np.testing.assert_allclose(finer.values(state.place[None])[0], shipped["values"][chosen], rtol=1e-12)
+    again = finer.reached(state, state.place + 1e-3, derivatives=False)
+    np.testing.assert_allclose(state.moved(np.full(6, 1e-3)).unknowns, again.unknowns, atol=2e-5)
+    numbers = finer.seen(state)["numbers"]
+    np.testing.assert_allclose(numbers, shipped["numbers"][chosen], rtol=0.01)
+    assert np.abs(numbers / shipped["numbers"][chosen] - 1.0).max() > 1e-5  # the error of the coarse mesh
+    [kept] = refined_states(shipped.taken([chosen]), finer, **here)
+    np.testing.assert_array_equal(kept.unknowns, state.unknowns)
+    assert len(list((tmp_path / "parts").glob("*.part"))) == 1
 
 
 @pytest.mark.slow

@@ -20,8 +20,9 @@ _MOVED = {"exam": "exam", "verify": "verification", "rebuild": "rebuild"}  # run
 
 def command_line(arguments: Sequence[str]) -> list[str]:
     """Return the words that run a command with its arguments."""
-    name, *rest = arguments
-    return [sys.executable, "-m", f"evidence.{_MOVED[name]}", *rest] if name in _MOVED else [*COMMAND, *arguments]
+    if arguments and arguments[0] in _MOVED:
+        return [sys.executable, "-m", f"evidence.{_MOVED[arguments[0]]}", *arguments[1:]]
+    return [*COMMAND, *arguments]
 
 
 COMMANDS = (

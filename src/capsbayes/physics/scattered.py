@@ -182,15 +182,20 @@ class Continuation:
         return state
 
     def _solved(self, near: ScatteredState, place: Floats, derivatives: bool) -> ScatteredState | None:
-        guess = near.moved(place - near.place).unknowns
-        problem, iterate = self._problem(place), self._iterate(place, guess)
-        found = steady_state(problem, iterate, max_iterations=_ITERATIONS, patience=_PATIENCE)
-        unknowns = np.append(found.iterate.free, [found.iterate.velocity, found.iterate.slack])
-        if not found.converged or np.max(np.abs(unknowns - guess)) > _FARTHEST:
+        return self.corrected(near.moved(place - near.place), derivatives=derivatives)
+
+    def corrected(
+        self, guess: ScatteredState, *, iterations: int = _ITERATIONS, derivatives: bool = True
+    ) -> ScatteredState | None:
+        """Return the state at the place of a guess, with the derivatives of its own; None if there is none near it."""
+        problem, iterate = self._problem(guess.place), self._iterate(guess.place, guess.unknowns)
+        end = steady_state(problem, iterate, max_iterations=iterations, patience=max(_PATIENCE, iterations // 2))
+        unknowns = np.append(end.iterate.free, [end.iterate.velocity, end.iterate.slack])
+        if not end.converged or np.max(np.abs(unknowns - guess.unknowns)) > _FARTHEST:
             return None
         if not derivatives:
-            return ScatteredState(place, unknowns, np.full_like(near.derivatives, np.nan))
-        return self.with_derivatives(place, unknowns)
+            return ScatteredState(guess.place, unknowns, np.full_like(guess.derivatives, np.nan))
+        return self.with_derivatives(guess.place, unknowns)
 
     def with_derivatives(self, place: Floats, unknowns: Floats) -> ScatteredState:
         """Return a state that is known at a place, with its derivatives."""
@@ -235,15 +240,28 @@ def scattered_states(
             groups = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
             tasks = [partial(_grown, continuation, store, seed, group) for seed, group in groups if len(group)]
             run_tasks(tasks, scheduler, workers)
-            found = [_stored(store, _name(place)) for place in places]
-            known = [state for state in found if state is not None] or [start]
-            lost = [number for number, state in enumerate(found) if state is None]
-            nearest = np.argmin(cdist(places[lost], np.array([state.place for state in known])), axis=1)
-            pairs = zip(nearest, places[lost], strict=True)
-            again = [partial(_tried_again, continuation, store, known[near], place) for near, place in pairs]
-            for number, state in zip(lost, run_tasks(again, scheduler, workers), strict=True):
-                found[number] = state
-    return found
+            states = [_stored(store, _name(place)) for place in places]
+            return _lost_ones_again(continuation, store, places, states, scheduler, workers)
+
+
+def _lost_ones_again(
+    continuation: Continuation,
+    store: Store,
+    places: Floats,
+    states: Sequence[ScatteredState | None],
+    scheduler: str | None,
+    workers: int | None,
+) -> list[ScatteredState | None]:
+    """Return the states, those that were lost tried again from the nearest of the others."""
+    known = [state for state in states if state is not None]
+    lost = [number for number, state in enumerate(states) if state is None]
+    if not known or not lost:
+        return list(states)
+    nearest = np.argmin(cdist(places[lost], np.array([state.place for state in known])), axis=1)
+    pairs = zip(nearest, places[lost], strict=True)
+    again = [partial(_tried_again, continuation, store, known[near], place) for near, place in pairs]
+    reached = dict(zip(lost, run_tasks(again, scheduler, workers), strict=True))
+    return [reached.get(number, state) for number, state in enumerate(states)]
 
 
 def _grown(
@@ -379,11 +397,12 @@ def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
 _FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
+_LARGEST_BENDING = 1e-2  # end of the axis of B
 
 
 def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuation:
     """Return the continuation over `FREE_PARAMETERS` in a channel."""
-    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
+    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:-1], (RANGES[-1][0], _LARGEST_BENDING)]
     axes = (Axis(name, *ends, offset) for name, ends, offset in zip(FREE_PARAMETERS, ranges, _OFFSETS, strict=True))
     simulator = Simulator(
         GeneralLaw(3.0, 0.3),
@@ -396,6 +415,40 @@ def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuati
     return Continuation(simulator, tuple(axes))
 
 
+_REFINING = 20  # iterations: what the modes leave out bends the membrane, so that the first residuals are large
+
+
+def refined_states(
+    database: MembraneDatabase,
+    continuation: Continuation,
+    *,
+    folder: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> list[ScatteredState | None]:
+    """Compute the states of a database on the finer mesh of a continuation, None where one is lost; keep them."""
+    # One that is not reached from its coarse shape is tried again from the nearest of the fine states.
+    store = Store.open(folder, continuation.settings)
+    places = continuation.places(database["values"])
+    tasks = [partial(_refined, continuation, store, database, number) for number in range(len(places))]
+    bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
+    with only_run(Path(folder)), keeping(Path(folder)), bar:
+        states = run_tasks(tasks, scheduler, workers)
+        return _lost_ones_again(continuation, store, places, states, scheduler, workers)
+
+
+def _refined(
+    continuation: Continuation, store: Store, database: MembraneDatabase, number: int
+) -> ScatteredState | None:
+    guess = guess_of(database, continuation, number)
+    name = _name(guess.place)
+    if not store.holds(name):
+        with threadpool_limits(limits=1):
+            _save(store, name, continuation.corrected(guess, iterations=_REFINING))
+    return _stored(store, name)
+
+
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
     """Return the state of a database next to a place (6,), see `state_of`."""
     units = continuation.places(database["values"])
@@ -404,6 +457,12 @@ def nearest_state(database: MembraneDatabase, continuation: Continuation, place:
 
 def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
     """Return a state of a database by its number, on the mesh of a continuation."""
+    guess = guess_of(database, continuation, number)
+    return continuation.with_derivatives(guess.place, guess.unknowns)
+
+
+def guess_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
+    """Return what a state of a database is on the mesh of a continuation but for the error of the mesh."""
     # It is as exact as the modes are in which it is stored, which suffices to begin from.
     shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
     if continuation.settings["refinement"] != database.settings["refinement"]:
@@ -411,7 +470,7 @@ def state_of(database: MembraneDatabase, continuation: Continuation, number: int
         shape = prolonged(shape, coarse, continuation.simulator.problem.mesh)
     unknowns = np.append(shape, [database["numbers"][number, 2], database["slack"][number]])
     place = continuation.places(database["values"][number, None])[0]
-    return continuation.with_derivatives(place, unknowns)
+    return ScatteredState(place, unknowns, np.zeros((len(unknowns), len(place))))
 
 
 def _continuation_of(database: MembraneDatabase) -> Continuation:
