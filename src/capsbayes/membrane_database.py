@@ -56,6 +56,11 @@ _DIMENSIONS = {
         }.items()
     },
 }
+_OF_TENSION = {
+    "tension": ("state", "extreme"),
+    "tension_along": ("state", "extreme", "parameter"),
+    "tension_place": ("state", "extreme", "axis"),
+}  # states of the first edition have none
 _SINGLE = ("profile_along", "silhouette_along", "profile_modes", "silhouette_modes", "mesh_modes", "mesh")
 
 
@@ -101,10 +106,11 @@ class MembraneDatabase(StoredStates):
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file whole or not at all."""
+        names = [name for name in _DIMENSIONS | _OF_TENSION if name in self.dataset]
         packed = {"zlib": True, "complevel": 9, "shuffle": True, "_FillValue": None}
         encoding: dict[str, dict[str, Any]] = {
-            name: {**(packed if len(dims) > 1 and self.dataset[name].size else {"_FillValue": None})}
-            for name, dims in _DIMENSIONS.items()
+            name: {**(packed if self.dataset[name].ndim > 1 and self.dataset[name].size else {"_FillValue": None})}
+            for name in names
         }
         for name in _SINGLE:
             encoding[name]["dtype"] = "f4"
@@ -128,8 +134,10 @@ class MembraneDatabase(StoredStates):
 
     @staticmethod
     def _check(dataset: xr.Dataset, where: str) -> None:
-        for name, dims in _DIMENSIONS.items():
+        for name, dims in (_DIMENSIONS | _OF_TENSION).items():
             if name not in dataset.variables:
+                if name in _OF_TENSION:
+                    continue
                 raise DatabaseError(f"{where}: variable {name} is missing")
             if dataset[name].dims != dims:
                 raise DatabaseError(f"{where}: {name}: expected dimensions {dims}, got {dataset[name].dims}")

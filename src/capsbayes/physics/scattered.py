@@ -53,6 +53,17 @@ NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 """Numbers of a state: L_z and L_a [l], v_o/U and Lambda [-]."""
 
 
+TENSIONS = ("largest", "smallest")
+"""Extremes of the principal tensions of a state [G_s]."""
+
+
+class ExtremeTensions(NamedTuple):
+    """The `TENSIONS` (2,) [G_s] and the nodes where they lie (2, 3) [l], the last coordinate along the axis."""
+
+    values: Floats
+    places: Floats
+
+
 @dataclass(frozen=True)
 class Axis:
     """A parameter, of the case, the simulator or its law, and its range."""
@@ -151,6 +162,14 @@ class Continuation:
             "profile": profile.resampled(OUTLINE_POINTS).points.ravel(),
             "silhouette": silhouette.resampled(OUTLINE_POINTS).points.ravel(),
         }
+
+    def extreme_tensions(self, state: ScatteredState) -> ExtremeTensions:
+        """Return the `TENSIONS` of a state."""
+        membrane = self._problem(state.place).membrane(self._values(state.place)["size_ratio"])
+        tensions = membrane.principal_tensions(state.unknowns[:-2])
+        nodes = [int(np.argmax(tensions[:, 0])), int(np.argmin(tensions[:, 1]))]
+        places = membrane.mesh.expanded(state.unknowns[:-2])[nodes]
+        return ExtremeTensions(tensions[nodes, [0, 1]], places)
 
     @property
     def settings(self) -> dict[str, object]:
@@ -329,13 +348,14 @@ def scattered_dataset(
     # ``values`` (n, p) of the parameters; ``numbers`` (n, 4), see `NUMBERS`; for either view the outlines in few modes,
     # ``profile`` (n, m), ``profile_mean`` (q, 2) and ``profile_modes`` (m, q, 2) [l]; ``*_along`` (n, m, p),
     # derivatives along the parameters; the free coordinates likewise, as starts of other states; the values ``lost``
-    # (k, p).
+    # (k, p); ``tension`` (n, 2), see `TENSIONS`, and where they lie, ``tension_place`` (n, 2, 3) [l].
     import xarray as xr
 
     some = [state for state in states if state is not None]
     lost = places[[state is None for state in states]]
     slopes = np.array([[axis.slope(unit) for axis, unit in zip(continuation.axes, s.place, strict=True)] for s in some])
     seen = [_seen(continuation, state) for state in some]
+    tensions = [continuation.extreme_tensions(state) for state in some]
     variables: dict[str, tuple[tuple[str, ...], Floats]] = {
         "values": (("state", "parameter"), continuation.values(np.array([state.place for state in some]))),
         "lost": (("lost_state", "parameter"), continuation.values(lost)),
@@ -345,6 +365,12 @@ def scattered_dataset(
             ("state", "number", "parameter"),
             np.array([one["numbers"][1] for one in seen]) / slopes[:, None],
         ),
+        "tension": (("state", "extreme"), np.array([tension.values for tension in tensions])),
+        "tension_along": (
+            ("state", "extreme", "parameter"),
+            np.array([_tension_along(continuation, state) for state in some]) / slopes[:, None],
+        ),
+        "tension_place": (("state", "extreme", "axis"), np.array([tension.places for tension in tensions])),
     }
     for view in ("profile", "silhouette"):
         modes = in_modes(np.array([one[view][0] for one in seen]))
@@ -362,6 +388,7 @@ def scattered_dataset(
         "mesh": (("state", "mesh_mode"), shapes.coefficients),
     }
     names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
+    names |= {"extreme": list(TENSIONS), "axis": ["x", "y", "z"]}
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
 
 
@@ -391,6 +418,16 @@ def _seen(continuation: Continuation, state: ScatteredState) -> dict[str, tuple[
         for name, values in along.items():
             values.append((ahead[name] - behind[name]) / (2.0 * _STEP))
     return {name: (values, np.stack(along[name], axis=-1)) for name, values in here.items()}
+
+
+def _tension_along(continuation: Continuation, state: ScatteredState) -> Floats:
+    """Return the derivatives (2, p) of the extreme tensions along the coordinates from 0 to 1."""
+    along = []
+    for step in _STEP * np.eye(len(state.place)):  # laws may have no values beyond the ends
+        ends = np.clip([state.place - step, state.place + step], 0.0, 1.0)
+        behind, ahead = (continuation.extreme_tensions(state.moved(end - state.place)).values for end in ends)
+        along.append((ahead - behind) / np.sum(ends[1] - ends[0]))
+    return np.stack(along, axis=-1)
 
 
 # The states over flow and membrane that come with the library, and how they are continued

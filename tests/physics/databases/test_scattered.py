@@ -136,11 +136,35 @@ def test_the_dataset_holds_what_is_seen_of_the_states_and_its_derivatives(states
         seen = state.profile
         wanted = [seen.axial_extent, seen.axial_length, state.velocity_ratio, seen.stretch_ratio(size)]
         np.testing.assert_allclose(dataset["numbers"].values[chosen] + change, wanted, atol=5e-5)
+        tensions = state.principal_tensions
+        change = dataset["tension_along"].values[chosen] @ [ca * step, 0.0, 0.0, 10 * step]
+        wanted = [tensions.max(), tensions.min()]
+        np.testing.assert_allclose(dataset["tension"].values[chosen] + change, wanted, atol=5e-4)
         for view in ("profile", "silhouette"):
             along = dataset[f"{view}_along"].values[chosen] @ [ca * step, 0.0, 0.0, 10 * step]
             modes = dataset[view].values[chosen] + along
             outline = dataset[f"{view}_mean"].values + np.tensordot(modes, dataset[f"{view}_modes"].values, axes=1)
             np.testing.assert_allclose(outline, getattr(state, view).resampled(len(outline)).points, atol=3e-4)
+
+
+def test_the_tensions_lie_where_the_membrane_bears_them(states):
+    state = states[0]
+    dataset = scattered_dataset(CONTINUATION, PLACES, states)
+    values = dict(zip(CONTINUATION.names, CONTINUATION.values(PLACES[:1])[0], strict=True))
+    simulator = Simulator(
+        GeneralLaw(3.0, values["strain_hardening"]),
+        refinement=4,
+        bending=3e-3,
+        pre_inflation=values["pre_inflation"],
+        walls=SIMULATOR.walls,
+    )
+    alone = simulator.run(capillary_number=values["capillary_number"], size_ratio=values["size_ratio"])
+    for extreme, node in enumerate((alone.principal_tensions.argmax(), alone.principal_tensions.argmin())):
+        tension, place = dataset["tension"].values[0, extreme], dataset["tension_place"].values[0, extreme]
+        assert tension == pytest.approx(alone.principal_tensions.flat[node], abs=1e-5)
+        x, y, z = alone.mesh.expanded(alone.mesh.reduced(alone.nodes))[node // 2]
+        np.testing.assert_allclose([np.hypot(*place[:2]), place[2]], [np.hypot(x, y), z], atol=1e-4)
+    np.testing.assert_array_equal(CONTINUATION.extreme_tensions(state).places, dataset["tension_place"].values[0])
 
 
 def test_a_branch_that_ends_on_the_way_is_said(start, monkeypatch):
