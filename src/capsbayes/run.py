@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import functools
 import hashlib
 import io
@@ -25,7 +26,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import IO, Any, ParamSpec, Protocol, TypeVar, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_origin, get_type_hints, runtime_checkable
 
 import numpy as np
 
@@ -81,14 +82,10 @@ def content_of(value: Any) -> Any:
 
 # A lock on what a run writes, so that no second run writes it at the same time; it dies with its owner
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-
 _logger = logging.getLogger(__name__)
 
-_BEYOND = 1 << 20  # a byte far behind the name of the owner, which stays readable on Windows
+_WAIT = 0.2  # s for a lock that its owner is giving up
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # NFS without its lock service, some parallel systems
 
 
 @contextlib.contextmanager
@@ -97,53 +94,31 @@ def only_run(out: Path) -> Iterator[None]:
     # The operating system holds the lock as long as the process lives, on the file ``.NAME.lock`` next to a file, or
     # ``.lock`` in a folder. Without locks there, a warning is logged: results are whole even so, but work may be done
     # twice.
+    from filelock import FileLock, Timeout
+
     with refusing(out, "a place where files can be written"):
         real = out.resolve()
         path = real / ".lock" if real.is_dir() else real.with_name(f".{real.name}.lock")
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _locked(path)
-    if file is None:
-        owner = path.read_text(encoding="utf-8", errors="replace").strip() or "another process"
-        raise InputError(str(out), "", "no other run that writes it", owner, "let it end, or choose another output")
-    with file:
+        lock = FileLock(path, timeout=_WAIT, fallback_to_soft=False)
         try:
-            yield
-        finally:
-            with contextlib.suppress(OSError):
-                path.unlink()
-
-
-def _locked(path: Path) -> IO[str] | None:
-    """Return the locked file, None if another process holds the lock."""
-    while True:
-        file = path.open("a+", encoding="utf-8")
-        if not _lock(file, path):
-            file.close()
-            return None
-        with contextlib.suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                break
-        file.close()  # its owner removed it meanwhile
-    with contextlib.suppress(OSError):  # as on a full disk: the lock counts, not the name
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
-        file.flush()
-    return file
-
-
-def _lock(file: IO[str], path: Path) -> bool:
-    """Lock a file; return False if another process has locked it."""
+            lock.acquire()
+        except Timeout:
+            owner = path.read_text(encoding="utf-8", errors="replace").strip() or "another process"
+            advice = "let it end, or choose another output"
+            raise InputError(str(out), "", "no other run that writes it", owner, advice) from None
+        except OSError as error:
+            if error.errno not in _WITHOUT_LOCKS:
+                raise
+            _logger.warning("%s cannot be locked (%s): see that no other run writes there.", path, error.strerror)
     try:
-        if sys.platform == "win32":
-            file.seek(_BEYOND)
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    except OSError as error:  # NFS without its lock service, some parallel file systems
-        _logger.warning("%s cannot be locked (%s): see that no other run writes there.", path, error.strerror)
-    return True
+        with contextlib.suppress(OSError):  # as on a full disk: the lock counts, not the name
+            path.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()
 
 
 # Progress on standard error: bars on a terminal, lines for a program that asked for them
