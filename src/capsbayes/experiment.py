@@ -134,7 +134,7 @@ def _read(value: object, where: str, key: str) -> Quantity:
 def _number(given: Given, where: str, key: str) -> Quantity:
     """Return a number of the camera; refuse one that is far from its ideal value."""
     example, ideal = _NUMBERS[key.rpartition(".")[2]]
-    made = _read_given(given, key, ("",), example, where=where, signed=True)
+    made = Quantity.of(given, where=where, key=key, units=("",), example=example, signed=True)
     if made.shape == "normal":
         made = replace(made, low=-math.inf)
     if not abs(made.mean - ideal) + made.sd <= _LARGEST:
@@ -289,7 +289,7 @@ def _slope(function: Callable[[Floats], Floats], place: float, step: float = 1e-
 
 def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
     """Return a positive number with a unit, and its error."""
-    made = _read_given(given, key, (unit,), example)
+    made = Quantity.of(given, key, where=_HERE, units=(unit,), example=example)
     if not (made.shape == "normal" and made.value > 0.0):
         raise InputError(_HERE, key, f'a number with its error and unit, as "{example}"', str(made))
     return made
@@ -297,7 +297,7 @@ def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
 
 def _celsius(given: Given, limits: tuple[float, float]) -> Quantity:
     """Return a temperature in degrees Celsius within limits, with its error."""
-    made = _read_given(given, "temperature", ("", "K"), _EXAMPLE, signed=True)
+    made = Quantity.of(given, "temperature", where=_HERE, units=("", "K"), example=_EXAMPLE, signed=True)
     if made.unit:
         made = replace(made.rescaled(round(made.value - _FREEZING, 9)), unit="")
     return _within(made, "temperature", limits, _EXAMPLE)
@@ -305,18 +305,10 @@ def _celsius(given: Given, limits: tuple[float, float]) -> Quantity:
 
 def _within(given: Given, key: str, limits: tuple[float, float], example: str) -> Quantity:
     """Return a number within limits, with its error."""
-    made, (least, most) = _read_given(given, key, ("",), example, signed=True), limits
+    made, (least, most) = Quantity.of(given, key, where=_HERE, units=("",), example=example, signed=True), limits
     if not (made.shape == "normal" and least <= made.value <= most):
         raise InputError(_HERE, key, f'a number from {least:g} to {most:g} with its error, as "{example}"', str(made))
     return made
-
-
-def _read_given(
-    given: Given, key: str, units: tuple[str, ...], example: str, *, where: str = _HERE, signed: bool = False
-) -> Quantity:
-    if isinstance(given, str):
-        given = Quantity.read(given, where=where, key=key, units=units, example=example, signed=signed)
-    return Quantity.of(given, key, where=where, units=units, signed=signed)
 
 
 # Channel and liquid of an experiment; the only place where SI becomes Ca and a/l

@@ -333,6 +333,7 @@ class Quantity:
         where: str = "quantity",
         key: str | None = None,
         units: Sequence[str] = (),
+        example: str = "",
         signed: bool = False,
     ) -> Quantity:
         """Return the quantity that a user gave in any of its forms.
@@ -347,6 +348,8 @@ class Quantity:
             File or argument, for the message of an error; the key is the name by default.
         units : sequence of str
             SI units allowed, by default that of the parameter.
+        example : str
+            A text that would have been right, for the message; by default that of the parameter.
         signed : bool
             True if it may be zero or negative.
 
@@ -360,7 +363,7 @@ class Quantity:
         measured = bool(name or units) and not signed and name not in BELIEVED
         units = tuple(units) or ((PARAMETERS[name].si,) if name in PARAMETERS else SI_UNITS)
         usual = name in STATED and PARAMETERS[name].si in units
-        example = STATED[name if usual else "half_width"].example
+        example = example or STATED[name if usual else "half_width"].example
         if isinstance(given, Quantity):
             made = given if given.unit else replace(given, unit=units[0])
             if made.unit not in units:
