@@ -230,7 +230,7 @@ class MeasuredOutline:
         return _ALONG_ARCS * self.pose.offset if self.noise.correlation_length else 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "view", check_view(self.view, "measurement", "outline.view"))
+        view = check_view(self.view, "measurement", "outline.view")
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < FEWEST_POINTS:
             expected = f"an array (m, 2) with m >= {FEWEST_POINTS}"
@@ -243,7 +243,7 @@ class MeasuredOutline:
             points = points[::-1]
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
-        object.__setattr__(self, "points", points)
+        _settle(self, points=points, view=view)
 
 
 def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> None:
@@ -268,17 +268,13 @@ def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> N
 
 def _centre_off_middle(points: Floats, where: str) -> Floats:
     """Return the centre of area of the convex hull from the middle of the extents, over these : (2,) array."""
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
+    from shapely import MultiPoint  # slow to import
 
-    try:
-        hull = points[ConvexHull(points).vertices]
-    except QhullError:
-        raise InputError(where, "outline", "points around an area", "points on a line") from None
-    following = np.roll(hull, -1, axis=0)
-    twice = hull[:, 0] * following[:, 1] - following[:, 0] * hull[:, 1]
-    centre = np.sum((hull + following) * twice[:, None], axis=0) / (3.0 * twice.sum())
-    low, high = hull.min(axis=0), hull.max(axis=0)
-    return np.asarray((centre - 0.5 * (low + high)) / (high - low))
+    hull = MultiPoint(points).convex_hull
+    if not hull.area > 0.0:
+        raise InputError(where, "outline", "points around an area", "points on a line")
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.asarray((np.array(hull.centroid.coords[0]) - 0.5 * (low + high)) / (high - low))
 
 
 def check_view(view: object, where: str, key: str) -> str:
@@ -395,7 +391,7 @@ class Measurement(Readable):
         if not self.status.ok:
             return
         if (unit := self._split(where, "axial_extent", ("", "m"))) is not None:
-            object.__setattr__(self, "over_half_width", not unit)
+            _settle(self, over_half_width=not unit)
         self._split(where, "axial_length", ("",) if self.over_half_width else ("m",))
         self._split(where, "capsule_velocity", ("m/s",))
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
@@ -407,7 +403,7 @@ class Measurement(Readable):
             if key not in CONDITIONS:
                 raise InputError(where, "conditions", " or ".join(CONDITIONS), repr(key))
         read = {key: Quantity.of(value, key, where=where).value for key, value in self.conditions.items()}
-        object.__setattr__(self, "conditions", read)
+        _settle(self, conditions=read)
         if not (_is_number(self.length_correlation) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 
@@ -431,23 +427,21 @@ class Measurement(Readable):
         error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
         if not 0.0 <= error <= rate.value:
             raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
-        object.__setattr__(self, "flow_rate", rate.value)
-        object.__setattr__(self, "flow_rate_error", error)
+        _settle(self, flow_rate=rate.value, flow_rate_error=error)
 
     def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
         """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
         given, error = getattr(self, key), getattr(self, f"{key}_error")
         if given is None or _is_number(given):
             bare = units if key == "capsule_velocity" else ("",) if self.over_half_width else ("m",)
-            object.__setattr__(self, f"{key}_error", _apart(error, where, f"{key}_error", bare))
+            _settle(self, **{f"{key}_error": _apart(error, where, f"{key}_error", bare)})
             return None
         apart = error is not None and not _is_number(error)  # a bare number beside a unit could be in either
         made = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
         stated = _apart(error, where, f"{key}_error", (made.unit,)) if apart else made.error
         if apart and made.error:
             raise InputError(where, f"{key}_error", "one error", f"{made}, and {error}")
-        object.__setattr__(self, key, made.value)
-        object.__setattr__(self, f"{key}_error", stated)
+        _settle(self, **{key: made.value, f"{key}_error": stated})
         return made.unit
 
     def _check_pair(self, where: str, key: str) -> None:
@@ -623,6 +617,12 @@ class Measurement(Readable):
             return np.array([[self.axial_extent_error**2]])
         cross = self.length_correlation * self.axial_extent_error * self.axial_length_error
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
+
+
+def _settle(frozen: object, **values: Any) -> None:
+    """Replace what was given to a frozen object by what it means, while it is made."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
 
 
 def _is_number(given: object) -> bool:
