@@ -32,7 +32,6 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import DatabaseError, InputError, NoRoomError
-from capsbayes.files.input_file import read_bytes
 from capsbayes.files.output_file import make_folder, refusing, unguarded, write_file
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.quantity import Quantity
@@ -139,14 +138,17 @@ def progress_bar(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress bar while work goes on; yield ``update(done, what=None, total=None)``, which moves it."""
     # `count` tells what is done and what it is, as ``(3, "cases")``; it is called every second and once at the end.
-    if not show or not (sys.stderr.isatty() or os.environ.get(LINES) == "lines"):
+    terminal = sys.stderr.isatty()
+    if not show or not (terminal or os.environ.get(LINES) == "lines"):
         yield lambda done, what=None, total=None: None
         return
-    if not sys.stderr.isatty():
-        line = _Line(total, what)
-        with _repeated(lambda: line(*count())) if count else contextlib.nullcontext():
-            yield line
-        return
+    shown = _bar(total, what) if terminal else contextlib.nullcontext(_Line(total, what))
+    with shown as update, _repeated(lambda: update(*count())) if count else contextlib.nullcontext():
+        yield update
+
+
+@contextlib.contextmanager
+def _bar(total: float | None, what: str) -> Iterator[Callable[..., None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -160,8 +162,7 @@ def progress_bar(
             known = bar.tasks[0].total
             bar.update(task, count=f"{done:g}" if known is None else f"{done:g}/{known:g}")
 
-        with _repeated(lambda: update(*count())) if count else contextlib.nullcontext():
-            yield update
+        yield update
 
 
 def line_read(text: str) -> tuple[float, float | None, str] | None:
@@ -218,39 +219,11 @@ def _repeated(action: Callable[[], None]) -> Iterator[None]:
         action()
 
 
-# A file of finished results, one line of JSON each, so that an interrupted computation resumes
-
-
-@dataclass(frozen=True)
-class Records:
-    """Results in a file of JSON lines, appended one by one; safe to append to from many processes at once."""
-
-    path: Path
-
-    def add(self, record: dict[str, Any]) -> None:
-        """Append a record, on a line of its own even if the last one was cut off."""
-        line = json.dumps(record).encode() + b"\n"
-        with refusing(self.path, "a file that can be written"), self.path.open("a+b") as file:
-            if file.tell():
-                file.seek(-1, 2)
-                line = line if file.read() == b"\n" else b"\n" + line
-            file.write(line)  # one short write: lines of several processes do not mix
-
-    def read(self) -> list[dict[str, Any]]:
-        """Return the records in their order, without lines that were cut off; none if there is no file."""
-        records = []
-        for line in read_bytes(self.path).splitlines() if self.path.exists() else ():
-            with contextlib.suppress(ValueError, RecursionError):
-                records.append(json.loads(line))
-        return records
-
-
 # A folder of finished parts of a long computation, so that an interrupted one resumes.
 #
 # Each part is one file: a line with the fingerprint of the settings and a hash of the content, then arrays and JSON in
 # numpy's npz format, without objects. A file is written under another name and then renamed, so it is whole or absent;
-# a
-# damaged one counts as absent. Reading a part never runs code from it
+# a damaged one counts as absent. Reading a part never runs code from it
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
@@ -517,9 +490,8 @@ def _settings_of_workers() -> Iterator[None]:
         if masked:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
+            del os.environ[name]
+            if value is not None:
                 os.environ[name] = value
 
 
