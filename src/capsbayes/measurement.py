@@ -447,9 +447,9 @@ class Measurement(Readable):
     def _check_pair(self, where: str, key: str) -> None:
         """Refuse a value or an error that is missing, NaN, infinite, not positive or not plausible."""
         value, error = getattr(self, key), getattr(self, f"{key}_error")
-        if value is None and (
-            error is None if key == "axial_length" else key == "capsule_velocity" and np.isnan(error)
-        ):
+        if key == "axial_length" and value is None and error is None:
+            return
+        if key == "capsule_velocity" and value is None and np.isnan(error):
             return
         for name, given in ((key, value), (f"{key}_error", error)):
             if given is None or not (np.isfinite(given) and given > 0.0):
@@ -542,21 +542,14 @@ class Measurement(Readable):
         """
         if not self.status.ok:
             raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
-        unit = "" if self.over_half_width else " m"
         lines = [f"experiment = {json.dumps(_name_of(self.experiment_file, path))}"] if self.experiment_file else []
-        lines += ["", "[measurement]", f'axial_extent = "{_pair(self.axial_extent, self.axial_extent_error)}{unit}"']
-        if self.axial_length is not None and self.axial_length_error is not None:
-            lines += [
-                f'axial_length = "{_pair(self.axial_length, self.axial_length_error)}{unit}"',
-                f"length_correlation = {float(self.length_correlation)!r}",
-            ]
-        if self.axial_length_bound is not None:
-            lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
-        if self.capsule_velocity is not None:
-            lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
-        if self.flow_rate is not None:
-            error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
-            lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
+        lines += ["", "[measurement]"]
+        for name, measured in self._stated.items():
+            lines.append(f'{name} = "{measured}"')
+            if name == "axial_length":
+                lines.append(f"length_correlation = {float(self.length_correlation)!r}")
+            if name == "axial_extent" and self.axial_length_bound is not None:
+                lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
         for name, text in {"walls": self.walls, "doubt": self.doubt}.items():
             if text:
                 lines.append(f"{name} = {json.dumps(text)}")
@@ -567,13 +560,10 @@ class Measurement(Readable):
 
     def described(self) -> dict[str, str]:
         """Return what was measured in display units; the status alone where the measurement failed."""
-        texts = {} if self.status.ok else {"status": str(self.status)}
-        for key in ("axial_extent", "axial_length", "capsule_velocity") if self.status.ok else ():
-            if getattr(self, key) is not None:
-                unit = "m/s" if key == "capsule_velocity" else "" if self.over_half_width else "m"
-                texts[key] = Quantity(getattr(self, key), getattr(self, f"{key}_error"), unit).shown(key)
-        if self.flow_rate is not None:
-            texts["flow_rate"] = Quantity(self.flow_rate, self.flow_rate_error or 0.0, "m^3/s").shown("flow_rate")
+        if not self.status.ok:
+            texts = {"status": str(self.status)}
+        else:
+            texts = {name: measured.shown(name) for name, measured in self._stated.items()}
         if self.outline is not None:
             texts["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
         stated = {"walls": self.walls, "doubt": self.doubt, "source": self.source}
@@ -593,7 +583,19 @@ class Measurement(Readable):
             if self.flow_rate is None:
                 advice = "or state flow_rate, or viscous_tension = mu U in the experiment"
             raise InputError(where, "measurement.capsule_velocity", "a value with an error", "nothing", advice)
-        return Quantity(self.capsule_velocity, self.capsule_velocity_error, "m/s")
+        return self._stated["capsule_velocity"]
+
+    @property
+    def _stated(self) -> dict[str, Quantity]:
+        """What was measured, each number with its error, by name."""
+        length = "" if self.over_half_width else "m"
+        units = {"axial_extent": length, "axial_length": length, "capsule_velocity": "m/s", "flow_rate": "m^3/s"}
+        pairs = {name: (getattr(self, name), getattr(self, f"{name}_error")) for name in units}
+        return {
+            name: Quantity(value, error or 0.0, units[name])
+            for name, (value, error) in pairs.items()
+            if value is not None
+        }
 
     @property
     def lengths(self) -> Floats:
@@ -653,10 +655,6 @@ def _text(value: object, where: str, key: str) -> str:
     if not isinstance(value, str):
         raise InputError(where, key, "a text", repr(value))
     return value
-
-
-def _pair(value: float, error: float) -> str:
-    return f"{float(value)!r} +/- {float(error)!r}"
 
 
 def _name_of(file: Path, reader: str | Path) -> str:

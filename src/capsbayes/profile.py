@@ -299,10 +299,6 @@ def _axis_crossings(points: Floats) -> Floats:
 
 def _furthest(points: Floats, outline: Floats) -> float:
     """Return the largest distance from a set of points to a closed polygon."""
-    z, y = outline.T
-    edge_z, edge_y = np.roll(z, -1) - z, np.roll(y, -1) - y
-    square = np.maximum(edge_z**2 + edge_y**2, np.finfo(float).tiny)
-    apart_z, apart_y = points[:, :1] - z, points[:, 1:] - y
-    along = np.clip((apart_z * edge_z + apart_y * edge_y) / square, 0.0, 1.0)
-    squared = (apart_z - along * edge_z) ** 2 + (apart_y - along * edge_y) ** 2
-    return float(np.sqrt(squared.min(axis=1).max()))
+    import shapely  # slow to import
+
+    return float(shapely.distance(shapely.points(points), shapely.linearrings(outline)).max())
