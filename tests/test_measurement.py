@@ -85,6 +85,7 @@ def test_the_length_on_the_axis_may_be_missing(tmp_path):
             "measurement.flow_rate: expected a text in m^3/s like",
         ),
         (('experiment = "experiment.toml"', "experiment = 3"), "experiment: expected the name of a file"),
+        (("axial_extent", "#"), "measurement.axial_extent: expected a value, got nothing; add the missing key"),
     ],
 )
 def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):
