@@ -84,7 +84,7 @@ def content_of(value: Any) -> Any:
 _logger = logging.getLogger(__name__)
 
 _WAIT = 0.2  # s for a lock that its owner is giving up
-_WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # NFS without its lock service, some parallel systems
+_WITHOUT_LOCKS = errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP  # as of NFS without its lock service
 
 
 @contextlib.contextmanager
