@@ -63,6 +63,7 @@ def test_a_sheet_of_incompressible_material_bends_like_a_plate():
         (('"0.85 Pa s"', "0.85"), "viscosity: expected a text in Pa s"),
         (('"0.85 Pa s"', '"0.85 Pa s"\nframe_rate = "2000"'), "frame_rate: expected a text in 1/s"),
         (('"0.85 Pa s"', '"0.85 Pa s"\nsection = "circular"'), "section: expected one of cross_section, "),
+        (('"0.85 Pa s"', '"0.85 Pa s"\ncamera = 3'), "camera: expected a table [camera], got 3"),
     ],
 )
 def test_mistakes_name_file_key_expected_and_got(tmp_path, change, message):

@@ -38,7 +38,8 @@ from capsbayes.measurement_sets import MeasuredLengths, read_set
 from capsbayes.membrane_database import MembraneDatabase
 from capsbayes.physics.build import read_cases
 from capsbayes.report.write import opened
-from capsbayes.run import Records, Store
+from capsbayes.run import Store
+from evidence.records import Records
 from evidence.verification.topic import Results
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

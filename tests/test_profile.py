@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipe
@@ -110,6 +110,7 @@ def test_lengths_scale_and_know_neither_place_nor_side(outline, factor, dz):
     np.testing.assert_array_equal(mirror.mirrored().points, outline.points)
 
 
+@settings(deadline=None)  # the first distance imports shapely
 @given(outlines(), outlines(), st.floats(0.1, 10))
 def test_hausdorff_is_a_distance(one, other, factor):
     distance = one.hausdorff(other)

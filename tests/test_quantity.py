@@ -128,6 +128,8 @@ WRITTEN = [
     ("25.0 +- 0.2 \u00b5m", "m", 25e-6, 2e-7),
     ("25.0\u00a0\u00b1\u20090.2\u202f\u03bcm", "m", 25e-6, 2e-7),
     ("\u22125 um", "m", -5e-6, 0.0),
+    ("0 +/- 0.1 um", "m", 0.0, 1e-7),
+    ("-2e-3", "", -2e-3, 0.0),
     ("0.85 mPa\u00b7s", "Pa s", 8.5e-4, 0.0),
     ("6.2 mm s\u207b\u00b9", "m/s", 6.2e-3, 0.0),
     ("998 kg/m\u00b3", "kg/m^3", 998.0, 0.0),
@@ -218,14 +220,6 @@ def test_a_mistake_is_named_with_what_would_have_been_right():
     for text in ("0.9 .. 0.8 um", "1 .. 1 um", "log-uniform 1 um"):
         with pytest.raises(InputError, match=r"low < high|a range after log-uniform"):
             read(text, "m")
-
-
-def test_numbers_that_are_not_positive_are_read_where_they_are_allowed():
-    found = read("0 +/- 0.1 um", "m", signed=True)
-    assert (found.value, found.error) == (0.0, pytest.approx(1e-7))
-    assert read("-2e-3", "", signed=True).value == -2e-3
-    with pytest.raises(InputError, match="positive finite number"):
-        read("0 um", "m")
 
 
 EVALUATED = ("2 * 3 um", "2 um + 1 um", "1e3**2 um", "(1+1) um", "5 /s", "1 *um", "1 um**12", "m", "__import__('os')")

@@ -26,9 +26,10 @@ from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import make_folder, write_file
 from capsbayes.interruption import keeping
 from capsbayes.model import ForwardModel
-from capsbayes.run import Records, Store, digest_of, only_run, run_tasks, steps_kept
+from capsbayes.run import Store, digest_of, only_run, run_tasks, steps_kept
 from capsbayes.surrogate import Surrogate
 from evidence.exam.sessions import HALVES, Cell, read_pool
+from evidence.records import Records
 
 # One answer
 

@@ -21,8 +21,9 @@ from capsbayes.files.input_file import parsing
 from capsbayes.files.output_file import make_folder, write_file
 from capsbayes.interruption import keeping
 from capsbayes.report.style import write_figure
-from capsbayes.run import Records, only_run
+from capsbayes.run import only_run
 from evidence.markdown import table_lines
+from evidence.records import Records
 
 Values: TypeAlias = Mapping[str, float | list[float]]
 """Result of an item: named numbers, or series of them."""

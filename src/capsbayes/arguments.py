@@ -20,11 +20,7 @@ from capsbayes.model import ForwardModel
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_NUMBERS: dict[Any, Any] = {
-    int: numbers.Integral,
-    float: numbers.Real,
-    bool: (bool, np.bool_),
-}  # numpy's numbers among them
+_NUMBERS: dict[Any, Any] = {int: numbers.Integral, float: numbers.Real, bool: (bool, np.bool_)}  # numpy's among them
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:

@@ -45,20 +45,10 @@ rest, the branch is lost from rest: which shape it takes from there on is not es
 
 
 class Variable(NamedTuple):
-    """Description of a variable of the file.
-
-    Parameters
-    ----------
-    dims : tuple of str
-        Names of its dimensions.
-    kind : str
-        numpy's letter: ``"f"`` float64, ``"i"`` int64, ``"U"`` text.
-    symbol, units, long_name : str
-        As shown on axes and in tables.
-    """
+    """Description of a variable of the file."""
 
     dims: tuple[str, ...]
-    kind: str
+    kind: str  # numpy's letter: "f" float64, "i" int64, "U" text
     symbol: str
     units: str
     long_name: str
@@ -67,30 +57,21 @@ class Variable(NamedTuple):
 _CASE, _BORDER = ("case",), ("border",)
 
 
-def _quantity(name: str, kind: str = "f") -> Variable:
-    """Return the variable over the cases that holds a quantity of the one table."""
-    known = PARAMETERS[name]
-    return Variable(_CASE, kind, known.symbol, "1" if known.unit == "-" else known.unit, known.meaning)
+def _quantities(*names: str, kind: str = "f") -> dict[str, Variable]:
+    """Return the variables over the cases that hold quantities of the one table."""
+    known = {name: PARAMETERS[name] for name in names}
+    return {
+        name: Variable(_CASE, kind, quantity.symbol, "1" if quantity.unit == "-" else quantity.unit, quantity.meaning)
+        for name, quantity in known.items()
+    }
 
 
 VARIABLES: dict[str, Variable] = {
-    "capillary_number": _quantity("capillary_number"),
-    "size_ratio": _quantity("size_ratio"),
+    **_quantities("capillary_number", "size_ratio"),
     "effect_value": Variable(_CASE, "f", "e", "1", "value of the parameter named by the attribute effect"),
-    "axial_extent": _quantity("axial_extent"),
-    "axial_length": _quantity("axial_length"),
-    "parachute_depth": _quantity("parachute_depth"),
-    "perimeter": _quantity("perimeter"),
-    "stretch_ratio": _quantity("stretch_ratio"),
-    "velocity_ratio": _quantity("velocity_ratio"),
-    "inner_pressure": _quantity("inner_pressure"),
-    "extra_pressure_drop": _quantity("extra_pressure_drop"),
-    "residual": _quantity("residual"),
-    "slack": _quantity("slack"),
-    "minimum_tension": _quantity("minimum_tension"),
-    "wrinkling_rate": _quantity("wrinkling_rate"),
-    "iterations": _quantity("iterations", "i"),
-    "refinement": _quantity("refinement", "i"),
+    **_quantities("axial_extent", "axial_length", "parachute_depth", "perimeter", "stretch_ratio", "velocity_ratio"),
+    **_quantities("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension", "wrinkling_rate"),
+    **_quantities("iterations", "refinement", kind="i"),
     "status": Variable(_CASE, "U", "status", "1", "why the computation ended, a name of capsbayes.Status"),
     "nodes": Variable(("case", "node", "axis"), "f", "x", "l", "nodes of the symmetry wedge"),
     "profile": Variable(("case", "point", "plane"), "f", "(z, y)", "l", "outline in the plane x = 0, from the nose"),
@@ -105,18 +86,8 @@ VARIABLES: dict[str, Variable] = {
 """Every variable a file must hold."""
 
 ATTRIBUTES = (
-    "title",
-    "source",
-    "law",
-    "cross_section",
-    "bending",
-    "pre_inflation",
-    "effect",
-    "null_value",
-    "settings",
-    "version",
-    "created",
-    "sha256",
+    *("title", "source", "law", "cross_section", "bending", "pre_inflation", "effect", "null_value"),
+    *("settings", "version", "created", "sha256"),
 )
 """Every attribute a file must hold; `settings` is JSON, `created` alone is left out of the hash."""
 
@@ -348,13 +319,7 @@ class Database(StoredStates):
 
 
 def read_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read a NetCDF file of this library into memory, single precision as double.
-
-    Raises
-    ------
-    DatabaseError
-        If the file is missing or cut short.
-    """
+    """Read a NetCDF file of this library into memory, single precision as double."""
     if not Path(path).is_file():
         raise DatabaseError(f"{path}: no such file")
     try:
@@ -372,12 +337,7 @@ def read_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def check_content(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Refuse a dataset whose content does not match the hash that it holds.
-
-    Raises
-    ------
-    DatabaseError
-    """
+    """Refuse a dataset whose content does not match the hash that it holds."""
     with contextlib.suppress(TypeError, ValueError):  # of attributes that are neither texts nor numbers
         if content_hash(dataset) == str(dataset.attrs.get("sha256")):
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -134,9 +134,7 @@ def _read(value: object, where: str, key: str) -> Quantity:
 def _number(given: Given, where: str, key: str) -> Quantity:
     """Return a number of the camera; refuse one that is far from its ideal value."""
     example, ideal = _NUMBERS[key.rpartition(".")[2]]
-    if isinstance(given, str):
-        given = Quantity.read(given, where=where, key=key, units=("",), example=example, signed=True)
-    made = Quantity.of(given, where=where, key=key, units=("",), signed=True)
+    made = Quantity.of(given, where=where, key=key, units=("",), example=example, signed=True)
     if made.shape == "normal":
         made = replace(made, low=-math.inf)
     if not abs(made.mean - ideal) + made.sd <= _LARGEST:
@@ -147,11 +145,11 @@ def _number(given: Given, where: str, key: str) -> Quantity:
 
 def _straightened(points: Floats, walls: float, aspect: float, distortion: float, taper: float) -> Floats:
     seen = np.asarray(points) / [aspect, 1.0]
-    found = seen
+    straight = seen
     for _ in range(_STEPS if distortion else 0):
-        square = np.sum(found**2, axis=-1, keepdims=True)
-        found = seen * (1.0 + distortion * walls) / (1.0 + distortion * square)
-    return np.asarray(found / (1.0 + taper * found[..., :1]))
+        square = np.sum(straight**2, axis=-1, keepdims=True)
+        straight = seen * (1.0 + distortion * walls) / (1.0 + distortion * square)
+    return np.asarray(straight / (1.0 + taper * straight[..., :1]))
 
 
 # Viscosity of a suspending liquid from what it was made of: with its error, and where it comes from
@@ -184,83 +182,36 @@ _TEMPERATURES = 0.0, 100.0  # degrees C, in which the other formulas were
 _OILS = 0.999e-4, 1.001  # m^2/s at 25 degrees C
 _BEYOND = 2.0  # factor by which the shear rate may lie beyond those measured, with a wider error
 _EXAMPLE = "23.0 +/- 0.5 degC"
+_STEP_OF_SHARE = 1e-5  # of central differences
 
 
 def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
-    """Return the viscosity of a mixture of water and glycerol with its standard error.
+    """Return the viscosity of a mixture of water and a mass fraction of glycerol with its standard error [Pa s].
 
-    The errors of mass fraction and temperature are carried through the formula to first order, and added to its own
-    error `FORMULA_ERROR`.
-
-    Parameters
-    ----------
-    mass_fraction : Quantity [-]
-        Mass of glycerol over that of the mixture, from 0 to 1.
-    temperature : Quantity
-        From 0 to 100 degrees Celsius, as ``"23.0 degC"`` or ``"296.15 K"``; in degrees Celsius without a unit.
-
-    Returns
-    -------
-    Quantity [Pa s]
-
-    Raises
-    ------
-    InputError
-        If either is no number, or lies out of the range of the formula.
-
-    References
-    ----------
-    Cheng 2008, Ind. Eng. Chem. Res. 47, 3285, https://doi.org/10.1021/ie071349z.
-
-    Examples
-    --------
     >>> viscosity = water_glycerol("0.98 +/- 0.002", "23.0 +/- 0.5 degC")
     >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
     '0.71 +/- 0.05 Pa s'
     """
+    # The errors of mass fraction and temperature are carried through the formula to first order, and added to its own.
     share = _within(mass_fraction, "mass_fraction", (0.0, 1.0), "0.98 +/- 0.002")
     degrees = _celsius(temperature, _TEMPERATURES)
-    step_share, step_degrees = 1e-5, 1e-3
-    inside = min(max(share.value, step_share), 1.0 - step_share)
-    by_share = _slope(cheng(inside + np.array([-1, 1]) * step_share, degrees.value), step_share)
-    by_degrees = _slope(cheng(share.value, degrees.value + np.array([-1, 1]) * step_degrees), step_degrees)
+    inside = min(max(share.value, _STEP_OF_SHARE), 1.0 - _STEP_OF_SHARE)
+    by_share = _slope(lambda shares: cheng(shares, degrees.value), inside, _STEP_OF_SHARE)
+    by_degrees = _slope(lambda temperatures: cheng(share.value, temperatures), degrees.value)
     relative = math.hypot(by_share * share.error, by_degrees * degrees.error, FORMULA_ERROR)
     mean = float(cheng(share.value, degrees.value))
     return Quantity(mean, relative * mean, "Pa s")
 
 
 def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given) -> Quantity:
-    """Return the viscosity of a dimethyl silicone oil with its standard error.
+    """Return the viscosity of a dimethyl silicone oil of a kinematic viscosity and density at 25 degrees C [Pa s].
 
-    Parameters
-    ----------
-    kinematic_viscosity : Quantity [m^2/s]
-        At 25 degrees C, as its bottle states it; from 100 to 1,000,000 mm^2/s.
-    density : Quantity [kg/m^3]
-        At 25 degrees C.
-    temperature : Quantity
-        As of `water_glycerol`, from 0 to 100 degrees Celsius.
-
-    Returns
-    -------
-    Quantity [Pa s]
-
-    Raises
-    ------
-    InputError
-        If one is no number, or lies out of the range of the formula.
-
-    References
-    ----------
-    Shin-Etsu, Silicone fluid KF-96, performance test results: log10 nu = log10 nu_25 + 763.1 / (273 + t) - 2.559, and
-    a density that falls by 0.095 % a degree.
-
-    Examples
-    --------
     >>> viscosity = silicone_oil("1000 +/- 20 mm^2/s", "970 +/- 2 kg/m^3", "21.0 +/- 0.5 degC")
     >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
     '1.06 +/- 0.04 Pa s'
     """
+    # Shin-Etsu, Silicone fluid KF-96, performance test results: log10 nu = log10 nu_25 + 763.1 / (273 + t) - 2.559, and
+    # a density that falls by 0.095 % a degree.
     stated = _of_unit(kinematic_viscosity, "kinematic_viscosity", "m^2/s", "1000 +/- 20 mm^2/s")
     if not _OILS[0] < stated.value < _OILS[1]:
         raise InputError(_HERE, "kinematic_viscosity", "from 100 to 1,000,000 mm^2/s", str(stated))
@@ -271,50 +222,22 @@ def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given)
         t = np.asarray(temperature, dtype=float)
         return np.asarray(10.0 ** (763.1 / (273.0 + t) - 2.559) * (1.0 - 0.95e-3 * (t - 25.0)))
 
-    step = 1e-3
-    by_degrees = _slope(factor(degrees.value + np.array([-1, 1]) * step), step)
+    by_degrees = _slope(factor, degrees.value)
     errors = stated.error / stated.value, mass.error / mass.value, by_degrees * degrees.error, OIL_ERROR
     mean = float(stated.value * mass.value * factor(degrees.value))
     return Quantity(mean, math.hypot(*errors) * mean, "Pa s")
 
 
 def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_width: Given) -> Quantity:
-    """Return the viscosity of methylcellulose in saline at the shear rate of the wall of a square channel.
+    """Return the viscosity of methylcellulose in saline at the shear rate of the wall of a square channel [Pa s].
 
-    At shear rates beyond `SHEAR_RATES` by up to a factor of two the error is wider by the change of the viscosity from
-    the nearest of them.
-
-    Parameters
-    ----------
-    medium : str
-        Mass of methylcellulose, one of `MEDIA`.
-    temperature : Quantity
-        As of `water_glycerol`, from 22 to 37 degrees Celsius.
-    flow_rate : Quantity [m^3/s]
-        Of the liquid in the channel.
-    half_width : Quantity [m]
-        Of the channel.
-
-    Returns
-    -------
-    Quantity [Pa s]
-
-    Raises
-    ------
-    InputError
-        If one is no number, or out of the range of the formula, or the shear rate is far beyond `SHEAR_RATES`.
-
-    References
-    ----------
-    Büyükurganci et al. 2023, Soft Matter 19, 1739: mu = K rate^(n - 1), K = a exp(3379.7 K / T), n = 0.00223 T / K +
-    beta. Herold 2017, arXiv:1704.00572, eq. 5.2: the rate at the wall, 8 Q / w^3 (0.6671 + 0.2121 / n).
-
-    Examples
-    --------
     >>> viscosity = methylcellulose("0.49%", "23.0 +/- 0.5 degC", "0.16 +/- 0.002 uL/s", "10.0 +/- 0.1 um")
     >>> f"{1e3 * viscosity.value:.2f} +/- {1e3 * viscosity.error:.2f} mPa s"
     '3.33 +/- 0.41 mPa s'
     """
+    # Büyükurganci et al. 2023, Soft Matter 19, 1739: mu = K rate^(n - 1), K = a exp(3379.7 K / T), n = 0.00223 T / K +
+    # beta. Herold 2017, arXiv:1704.00572, eq. 5.2: the rate at the wall, 8 Q / w^3 (0.6671 + 0.2121 / n). Beyond
+    # `SHEAR_RATES` the error is wider by the change of the viscosity from the nearest of them.
     if medium not in MEDIA:
         raise InputError(_HERE, "medium", f"one of {', '.join(MEDIA)}", medium)
     degrees = _celsius(temperature, _MEDIA_TEMPERATURES)
@@ -328,14 +251,14 @@ def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_widt
         rate = 8.0 * flow.value / (2.0 * width.value) ** 3 * (0.6671 + 0.2121 / index)
         return np.asarray(a * np.exp(3379.7 / kelvin) * rate ** (index - 1.0)), index, rate
 
-    step, (least, most) = 1e-3, SHEAR_RATES
+    least, most = SHEAR_RATES
     mean, index, rate = (float(number) for number in law(degrees.value))
     beyond = max(least / rate, rate / most, 1.0)
     if beyond > _BEYOND:
         expected = f"a shear rate at the wall from {least / _BEYOND:g} to {most * _BEYOND:g} 1/s"
         advice = "measure the viscosity at this shear rate"
         raise InputError(_HERE, "flow_rate, half_width", expected, f"{rate:.3g} 1/s", advice)
-    by_degrees = _slope(law(degrees.value + np.array([-1, 1]) * step)[0], step)
+    by_degrees = _slope(lambda temperatures: law(temperatures)[0], degrees.value)
     by_rate = index - 1.0
     of_rate = by_rate * flow.error / flow.value, 3.0 * by_rate * width.error / width.value
     errors = *of_rate, by_degrees * degrees.error, MEDIUM_ERROR, by_rate * math.log(beyond)
@@ -345,11 +268,10 @@ def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_widt
 def cheng(mass_fraction: ArrayLike, temperature: ArrayLike) -> Floats:
     """Return the viscosity of water with a mass fraction of glycerol at temperatures in degrees C [Pa s].
 
-    Examples
-    --------
     >>> cheng(mass_fraction=[0.0, 1.0], temperature=20.0).round(4)
     array([1.0000e-03, 1.4138e+00])
     """
+    # Cheng 2008, Ind. Eng. Chem. Res. 47, 3285, https://doi.org/10.1021/ie071349z
     share, degrees = np.asarray(mass_fraction, dtype=float), np.asarray(temperature, dtype=float)
     water = 1.790e-3 * np.exp((-1230.0 - degrees) * degrees / (36100.0 + 360.0 * degrees))
     glycerol = 12.100 * np.exp((-1233.0 + degrees) * degrees / (9900.0 + 70.0 * degrees))
@@ -359,14 +281,15 @@ def cheng(mass_fraction: ArrayLike, temperature: ArrayLike) -> Floats:
     return np.asarray(water**weight * glycerol ** (1.0 - weight))
 
 
-def _slope(pair: Floats, step: float) -> float:
-    """Return the derivative of the logarithm from two values at two steps from each other."""
-    return float(np.log(pair[1] / pair[0]) / (2.0 * step))
+def _slope(function: Callable[[Floats], Floats], place: float, step: float = 1e-3) -> float:
+    """Return the derivative of the logarithm of a function by central differences."""
+    below, above = function(place + np.array([-1, 1]) * step)
+    return float(np.log(above / below) / (2.0 * step))
 
 
 def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
     """Return a positive number with a unit, and its error."""
-    made = _read_given(given, key, (unit,), example)
+    made = Quantity.of(given, key, where=_HERE, units=(unit,), example=example)
     if not (made.shape == "normal" and made.value > 0.0):
         raise InputError(_HERE, key, f'a number with its error and unit, as "{example}"', str(made))
     return made
@@ -374,7 +297,7 @@ def _of_unit(given: Given, key: str, unit: str, example: str) -> Quantity:
 
 def _celsius(given: Given, limits: tuple[float, float]) -> Quantity:
     """Return a temperature in degrees Celsius within limits, with its error."""
-    made = _read_given(given, "temperature", ("", "K"), _EXAMPLE, signed=True)
+    made = Quantity.of(given, "temperature", where=_HERE, units=("", "K"), example=_EXAMPLE, signed=True)
     if made.unit:
         made = replace(made.rescaled(round(made.value - _FREEZING, 9)), unit="")
     return _within(made, "temperature", limits, _EXAMPLE)
@@ -382,16 +305,10 @@ def _celsius(given: Given, limits: tuple[float, float]) -> Quantity:
 
 def _within(given: Given, key: str, limits: tuple[float, float], example: str) -> Quantity:
     """Return a number within limits, with its error."""
-    made, (least, most) = _read_given(given, key, ("",), example, signed=True), limits
+    made, (least, most) = Quantity.of(given, key, where=_HERE, units=("",), example=example, signed=True), limits
     if not (made.shape == "normal" and least <= made.value <= most):
         raise InputError(_HERE, key, f'a number from {least:g} to {most:g} with its error, as "{example}"', str(made))
     return made
-
-
-def _read_given(given: Given, key: str, units: tuple[str, ...], example: str, *, signed: bool = False) -> Quantity:
-    if isinstance(given, str):
-        given = Quantity.read(given, where=_HERE, key=key, units=units, example=example, signed=signed)
-    return Quantity.of(given, key, where=_HERE, units=units, signed=signed)
 
 
 # Channel and liquid of an experiment; the only place where SI becomes Ca and a/l
@@ -519,12 +436,9 @@ class Experiment(Readable):
         stated = {key: getattr(self, key) for key in ("half_width", *_FLUID, *_OPTIONAL)}
         if self.density == WATER:
             del stated["density"]
-        found = {
-            "cross_section": self.cross_section,
-            **{key: value.shown(key) for key, value in stated.items() if value is not None},
-        }
+        numbers = {key: value.shown(key) for key, value in stated.items() if value is not None}
         more = {"camera": self.camera and self.camera.described(), "source": self.source}
-        return found | {name: text for name, text in more.items() if text}
+        return {"cross_section": self.cross_section} | numbers | {name: text for name, text in more.items() if text}
 
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.

@@ -14,13 +14,7 @@ _PATIENCE = 1.0  # s after which a second signal ends the process at once; `time
 
 
 class Interrupted(BaseException):
-    """The process was asked to end.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
-    """
+    """The process was asked to end by the signal of a number."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -58,11 +52,8 @@ def interruptible() -> Iterator[None]:
 
 
 def raise_interruption(error: BaseException) -> None:
-    """Raise the interruption that an error hides, if any.
-
-    Compiled code that is interrupted when it returns ends with a SystemError whose cause is the interruption. Whoever
-    catches all errors asks here first.
-    """
+    """Raise the interruption that an error hides, if any; whoever catches all errors asks here first."""
+    # Compiled code that is interrupted when it returns ends with a SystemError whose cause is the interruption.
     hidden: BaseException | None = error
     while hidden is not None:
         if isinstance(hidden, (Interrupted, KeyboardInterrupt)):

@@ -39,19 +39,11 @@ _RIDGE = 1e-14  # of the diagonal, where a direction has no slope of its own
 
 @dataclass(eq=False)
 class Linearised:
-    """Residuals of n problems at one point each, and their slopes.
+    """Residuals of n problems at one point each, and their slopes."""
 
-    Parameters
-    ----------
-    points : (n, p) array
-    residuals : (n, m) array
-        In standard errors, filled up with zeros where a problem has fewer; NaN where the problem is not defined.
-    slopes : (n, m, p) array
-    """
-
-    points: Floats
-    residuals: Floats
-    slopes: Floats
+    points: Floats  # (n, p)
+    residuals: Floats  # (n, m) in standard errors, zero where a problem has fewer, NaN where it is not defined
+    slopes: Floats  # (n, m, p)
 
     def taken(self, rows: Integers) -> Self:
         """Return some of the problems."""
@@ -146,25 +138,10 @@ def minimise(
     longest: Floats | float,
     steps: int = 30,
 ) -> Problems:
-    """Minimise sums of squares from given points on.
+    """Minimise the sums of squares of k problems from `here` on, which is changed in place, and return it.
 
-    Parameters
-    ----------
-    evaluate : callable
-        Maps points (k, p) and the rows (k,) of the problems that they belong to, to a `Linearised` of these.
-    here : Linearised
-        Of k problems at their starting points; changed in place.
-    rows : (k,) array
-        That they have for `evaluate`.
-    longest : (p,) array or float
-        Largest change of each coordinate in a step.
-    steps : int
-        At most.
-
-    Returns
-    -------
-    Linearised
-        `here`, where the steps have ended; a start at which a problem is not defined stays.
+    `evaluate` maps points (k, p) and the rows (k,) of the problems that they belong to, to a `Linearised` of these; a
+    coordinate changes by `longest` in a step, at most. A start at which a problem is not defined stays.
     """
     square, left = here.square, here.left
     damping, rejected = np.full(len(rows), _FIRST_DAMPING), np.zeros(len(rows), dtype=np.int64)

@@ -174,25 +174,7 @@ class MeasuredOutline:
 
     @classmethod
     def read(cls, file: InputFile) -> MeasuredOutline:
-        """Read the outline that the table ``[outline]`` of a measurement's file names.
-
-        Parameters
-        ----------
-        file : InputFile
-            With the keys ``file``, a CSV file in its folder with the columns ``z_over_l`` and ``y_over_l``; ``noise``,
-            the standard deviation of the normal errors over l; ``correlation``, their length along the arc over l; and
-            optionally ``white``, the share of their variance that is independent from point to point, ``pose``, a
-            table of some of the numbers of a `Pose`, as ``{ offset = 0.01 }``, and ``view``, one of `VIEWS`.
-
-        Returns
-        -------
-        MeasuredOutline
-
-        Raises
-        ------
-        InputError
-            Naming file, key, what was expected and what was found.
-        """
+        """Read the outline that the table ``[outline]`` of a measurement's file names."""
         table = file.table(
             "outline",
             required={"file": file_name("outline.csv"), "noise": number(0.0, MOST), "correlation": number(0.0, MOST)},
@@ -203,29 +185,17 @@ class MeasuredOutline:
         return cls(points, noise, table.get("pose", Pose()), table.get("view", MID_PLANE))
 
     def write(self, path: Path) -> list[str]:
-        """Write the points to a CSV file.
-
-        Parameters
-        ----------
-        path : Path
-
-        Returns
-        -------
-        list of str
-            Lines of the table ``[outline]`` with which `read` finds them, for a file of the same folder.
-        """
+        """Write the points to a CSV file; return the table ``[outline]`` with which `read` finds them, line by line."""
         write_file(path, text_of_numbers(_COLUMNS, self.points, "%.9g"))
         noise, pose = self.noise, asdict(self.pose)
-        posed = [f"pose = {{ {', '.join(f'{name} = {float(value)!r}' for name, value in pose.items())} }}"]
-        return [
-            "[outline]",
-            f"file = {json.dumps(path.name)}",
-            f"noise = {float(noise.scale)!r}",
-            f"correlation = {float(noise.correlation_length)!r}",
-            f"white = {float(noise.white)!r}",
-            *(posed if self.pose != Pose() else []),
-            *([f"view = {json.dumps(self.view)}"] if self.view != MID_PLANE else []),
-        ]
+        numbers = {"noise": noise.scale, "correlation": noise.correlation_length, "white": noise.white}
+        lines = ["[outline]", f"file = {json.dumps(path.name)}"]
+        lines += [f"{name} = {float(value)!r}" for name, value in numbers.items()]
+        if self.pose != Pose():
+            lines.append(f"pose = {{ {', '.join(f'{name} = {float(value)!r}' for name, value in pose.items())} }}")
+        if self.view != MID_PLANE:
+            lines.append(f"view = {json.dumps(self.view)}")
+        return lines
 
     def noisier(self, further: float) -> MeasuredOutline:
         """Return the outline with a further standard deviation [l] of the displacements along its arcs."""
@@ -243,20 +213,10 @@ class MeasuredOutline:
         return replace(self, noise=noise, pose=replace(pose, **wider))
 
     def shared(self, points: Floats, normal: Floats) -> Floats:
-        """Return the errors of the edges that all capsules of one microscope share.
+        """Return the errors of the edges that all capsules of one microscope share, at vertices with normals (m, 2).
 
         These are a displacement by `Pose.offset` all around, a displacement along arcs that is 1.5 times as large, and
-        the geometry of the camera.
-
-        Parameters
-        ----------
-        points, normal : (m, 2) array
-            Vertices of an outline [l], and its outward unit normals.
-
-        Returns
-        -------
-        (k, m) array [l]
-            Displacements along the normals, each one standard deviation of one error.
+        the geometry of the camera: (k, m) displacements along the normals [l], each one standard deviation.
         """
         of_microscope = self.pose.directions(points, normal)[:, 3:]  # place and tilt are each capsule's own
         if not self._along_arcs:
@@ -270,7 +230,7 @@ class MeasuredOutline:
         return _ALONG_ARCS * self.pose.offset if self.noise.correlation_length else 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "view", check_view(self.view, "measurement", "outline.view"))
+        view = check_view(self.view, "measurement", "outline.view")
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < FEWEST_POINTS:
             expected = f"an array (m, 2) with m >= {FEWEST_POINTS}"
@@ -283,26 +243,13 @@ class MeasuredOutline:
             points = points[::-1]
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
-        object.__setattr__(self, "points", points)
+        _settle(self, points=points, view=view)
 
 
 def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> None:
-    """Refuse an outline that crosses itself, is not over l, or whose flow is not towards larger z in the first column.
-
-    A capsule is blunter behind than ahead: the centre of the convex hull of all shapes of the databases is behind the
-    middle of their length, by 0.003 to 0.066 of it.
-
-    Parameters
-    ----------
-    outline : MeasuredOutline
-    axial_extent : float [l]
-        L_z as measured.
-    where : str
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an outline that crosses itself, is not over l, or does not flow towards larger z in the first column."""
+    # A capsule is blunter behind than ahead: the centre of the convex hull of all shapes of the databases is behind the
+    # middle of their length, by 0.003 to 0.066 of it.
     check_simple(outline.points, where)
     extent = float(np.ptp(outline.points[:, 0]))
     if not axial_extent / _LONGER < extent < axial_extent * _LONGER:
@@ -321,17 +268,13 @@ def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> N
 
 def _centre_off_middle(points: Floats, where: str) -> Floats:
     """Return the centre of area of the convex hull from the middle of the extents, over these : (2,) array."""
-    from scipy.spatial import ConvexHull, QhullError  # slow to import
+    from shapely import MultiPoint  # slow to import
 
-    try:
-        hull = points[ConvexHull(points).vertices]
-    except QhullError:
-        raise InputError(where, "outline", "points around an area", "points on a line") from None
-    following = np.roll(hull, -1, axis=0)
-    twice = hull[:, 0] * following[:, 1] - following[:, 0] * hull[:, 1]
-    centre = np.sum((hull + following) * twice[:, None], axis=0) / (3.0 * twice.sum())
-    low, high = hull.min(axis=0), hull.max(axis=0)
-    return np.asarray((centre - 0.5 * (low + high)) / (high - low))
+    hull = MultiPoint(points).convex_hull
+    if not hull.area > 0.0:
+        raise InputError(where, "outline", "points around an area", "points on a line")
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.asarray((np.array(hull.centroid.coords[0]) - 0.5 * (low + high)) / (high - low))
 
 
 def check_view(view: object, where: str, key: str) -> str:
@@ -448,54 +391,58 @@ class Measurement(Readable):
         if not self.status.ok:
             return
         if (unit := self._split(where, "axial_extent", ("", "m"))) is not None:
-            object.__setattr__(self, "over_half_width", not unit)
+            _settle(self, over_half_width=not unit)
         self._split(where, "axial_length", ("",) if self.over_half_width else ("m",))
         self._split(where, "capsule_velocity", ("m/s",))
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
             self._check_pair(where, key)
         if self.flow_rate is not None:
-            rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
-            if rate.shape != "normal":
-                raise InputError(where, "flow_rate", f'a standard error, as in "{_FLOW_RATE}"', str(self.flow_rate))
-            error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
-            if not 0.0 <= error <= rate.value:
-                raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
-            object.__setattr__(self, "flow_rate", rate.value)
-            object.__setattr__(self, "flow_rate_error", error)
-        bound = self.axial_length_bound
-        if bound is not None and not (_is_number(bound) and np.isfinite(bound) and bound > 0.0):
-            raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
-        if bound is not None and self.axial_length is not None:
-            raise InputError(where, "axial_length_bound", "none next to axial_length", f"{bound:g}", "omit one of them")
-        if self.axial_length is not None and self.axial_length > self.axial_extent:
-            raise InputError(
-                where, "axial_length", f"at most the axial extent {self.axial_extent:g}", f"{self.axial_length:g}"
-            )
-        if self.outline is not None and not self.over_half_width:
-            raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
+            self._split_flow_rate(where)
+        self._check_lengths(where)
         for key in self.conditions:
             if key not in CONDITIONS:
                 raise InputError(where, "conditions", " or ".join(CONDITIONS), repr(key))
         read = {key: Quantity.of(value, key, where=where).value for key, value in self.conditions.items()}
-        object.__setattr__(self, "conditions", read)
+        _settle(self, conditions=read)
         if not (_is_number(self.length_correlation) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
+
+    def _check_lengths(self, where: str) -> None:
+        """Refuse a length on the axis, its bound or an outline that does not fit to the extent."""
+        bound, extent = self.axial_length_bound, self.axial_extent
+        if bound is not None and not (_is_number(bound) and np.isfinite(bound) and bound > 0.0):
+            raise InputError(where, "axial_length_bound", "a positive finite number", repr(bound))
+        if bound is not None and self.axial_length is not None:
+            raise InputError(where, "axial_length_bound", "none next to axial_length", f"{bound:g}", "omit one of them")
+        if self.axial_length is not None and self.axial_length > extent:
+            raise InputError(where, "axial_length", f"at most the axial extent {extent:g}", f"{self.axial_length:g}")
+        if self.outline is not None and not self.over_half_width:
+            raise InputError(where, "outline", "lengths over l, as the outline is", "lengths in metres", "divide by l")
+
+    def _split_flow_rate(self, where: str) -> None:
+        """Split the flow rate into its value and its error, which may be zero."""
+        rate = Quantity.of(self.flow_rate, "flow_rate", where=where)
+        if rate.shape != "normal":
+            raise InputError(where, "flow_rate", f'a standard error, as in "{_FLOW_RATE}"', str(self.flow_rate))
+        error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
+        if not 0.0 <= error <= rate.value:
+            raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
+        _settle(self, flow_rate=rate.value, flow_rate_error=error)
 
     def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
         """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
         given, error = getattr(self, key), getattr(self, f"{key}_error")
         if given is None or _is_number(given):
             bare = units if key == "capsule_velocity" else ("",) if self.over_half_width else ("m",)
-            object.__setattr__(self, f"{key}_error", _apart(error, where, f"{key}_error", bare))
+            _settle(self, **{f"{key}_error": _apart(error, where, f"{key}_error", bare)})
             return None
         apart = error is not None and not _is_number(error)  # a bare number beside a unit could be in either
-        found = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
-        stated = _apart(error, where, f"{key}_error", (found.unit,)) if apart else found.error
-        if apart and found.error:
-            raise InputError(where, f"{key}_error", "one error", f"{found}, and {error}")
-        object.__setattr__(self, key, found.value)
-        object.__setattr__(self, f"{key}_error", stated)
-        return found.unit
+        made = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
+        stated = _apart(error, where, f"{key}_error", (made.unit,)) if apart else made.error
+        if apart and made.error:
+            raise InputError(where, f"{key}_error", "one error", f"{made}, and {error}")
+        _settle(self, **{key: made.value, f"{key}_error": stated})
+        return made.unit
 
     def _check_pair(self, where: str, key: str) -> None:
         """Refuse a value or an error that is missing, NaN, infinite, not positive or not plausible."""
@@ -564,23 +511,18 @@ class Measurement(Readable):
         if "axial_length" in table:
             read = _measured(table["axial_extent"].unit)
             table["axial_length"] = read(table["axial_length"], str(path), "measurement.axial_length")
-        found = cls(
+        measurement = cls(
             **table,
             outline=MeasuredOutline.read(file) if "outline" in top else None,
             source=str(path),
             sha256=file.sha256,
             experiment_file=top.get("experiment"),
         )
-        found.check_outline(found.source)
-        return found
+        measurement.check_outline(measurement.source)
+        return measurement
 
     def check_outline(self, where: str) -> None:
-        """Refuse an outline that is not over l, or whose flow is not along its first column, towards larger z.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse an outline that is not over l, or whose flow is not along its first column, towards larger z."""
         if self.outline is not None:
             check_placed(self.outline, float(self.axial_extent), where)
 
@@ -600,21 +542,14 @@ class Measurement(Readable):
         """
         if not self.status.ok:
             raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
-        unit = "" if self.over_half_width else " m"
         lines = [f"experiment = {json.dumps(_name_of(self.experiment_file, path))}"] if self.experiment_file else []
-        lines += ["", "[measurement]", f'axial_extent = "{_pair(self.axial_extent, self.axial_extent_error)}{unit}"']
-        if self.axial_length is not None and self.axial_length_error is not None:
-            lines += [
-                f'axial_length = "{_pair(self.axial_length, self.axial_length_error)}{unit}"',
-                f"length_correlation = {float(self.length_correlation)!r}",
-            ]
-        if self.axial_length_bound is not None:
-            lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
-        if self.capsule_velocity is not None:
-            lines.append(f'capsule_velocity = "{_pair(self.capsule_velocity, self.capsule_velocity_error)} m/s"')
-        if self.flow_rate is not None:
-            error = f" +/- {float(self.flow_rate_error)!r}" if self.flow_rate_error else ""
-            lines.append(f'flow_rate = "{float(self.flow_rate)!r}{error} m^3/s"')
+        lines += ["", "[measurement]"]
+        for name, measured in self._stated.items():
+            lines.append(f'{name} = "{measured}"')
+            if name == "axial_length":
+                lines.append(f"length_correlation = {float(self.length_correlation)!r}")
+            if name == "axial_extent" and self.axial_length_bound is not None:
+                lines.append(f"axial_length_bound = {float(self.axial_length_bound)!r}")
         for name, text in {"walls": self.walls, "doubt": self.doubt}.items():
             if text:
                 lines.append(f"{name} = {json.dumps(text)}")
@@ -625,17 +560,14 @@ class Measurement(Readable):
 
     def described(self) -> dict[str, str]:
         """Return what was measured in display units; the status alone where the measurement failed."""
-        found = {} if self.status.ok else {"status": str(self.status)}
-        for key in ("axial_extent", "axial_length", "capsule_velocity") if self.status.ok else ():
-            if getattr(self, key) is not None:
-                unit = "m/s" if key == "capsule_velocity" else "" if self.over_half_width else "m"
-                found[key] = Quantity(getattr(self, key), getattr(self, f"{key}_error"), unit).shown(key)
-        if self.flow_rate is not None:
-            found["flow_rate"] = Quantity(self.flow_rate, self.flow_rate_error or 0.0, "m^3/s").shown("flow_rate")
+        if not self.status.ok:
+            texts = {"status": str(self.status)}
+        else:
+            texts = {name: measured.shown(name) for name, measured in self._stated.items()}
         if self.outline is not None:
-            found["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
+            texts["outline"] = f"{len(self.outline.points)} points, {self.outline.view}"
         stated = {"walls": self.walls, "doubt": self.doubt, "source": self.source}
-        return found | {name: text for name, text in stated.items() if text}
+        return texts | {name: text for name, text in stated.items() if text}
 
     def flowing(self, rate: Quantity | None) -> Measurement:
         """Return the same with a flow rate [m^3/s], if there is one and the measurement did not fail."""
@@ -645,19 +577,25 @@ class Measurement(Readable):
 
     @property
     def known_velocity(self) -> Quantity:
-        """v_o with its standard error [m/s].
-
-        Raises
-        ------
-        InputError
-            If it is missing.
-        """
+        """v_o with its standard error [m/s]; an error if it is missing."""
         if self.capsule_velocity is None:
             where, advice = self.source or "measurement", "this needs v_o; identify, batch and sensitivity sobol do not"
             if self.flow_rate is None:
                 advice = "or state flow_rate, or viscous_tension = mu U in the experiment"
             raise InputError(where, "measurement.capsule_velocity", "a value with an error", "nothing", advice)
-        return Quantity(self.capsule_velocity, self.capsule_velocity_error, "m/s")
+        return self._stated["capsule_velocity"]
+
+    @property
+    def _stated(self) -> dict[str, Quantity]:
+        """What was measured, each number with its error, by name."""
+        length = "" if self.over_half_width else "m"
+        units = {"axial_extent": length, "axial_length": length, "capsule_velocity": "m/s", "flow_rate": "m^3/s"}
+        pairs = {name: (getattr(self, name), getattr(self, f"{name}_error")) for name in units}
+        return {
+            name: Quantity(value, error or 0.0, units[name])
+            for name, (value, error) in pairs.items()
+            if value is not None
+        }
 
     @property
     def lengths(self) -> Floats:
@@ -683,6 +621,12 @@ class Measurement(Readable):
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
 
 
+def _settle(frozen: object, **values: Any) -> None:
+    """Replace what was given to a frozen object by what it means, while it is made."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
 def _is_number(given: object) -> bool:
     return isinstance(given, (int, float, np.floating, np.integer)) and not isinstance(given, bool)
 
@@ -692,10 +636,10 @@ def _measured(*units: str) -> Reader:
 
     def read(given: Given, where: str, key: str) -> Quantity:
         name = key.removeprefix("measurement.")
-        found = Quantity.of(given, name, where=where, key=key, units=units)
-        if found.known or found.shape != "normal":
+        made = Quantity.of(given, name, where=where, key=key, units=units)
+        if made.known or made.shape != "normal":
             raise InputError(where, key, f'a standard error, as in "{STATED[name].example}"', str(given))
-        return found
+        return made
 
     return read
 
@@ -711,10 +655,6 @@ def _text(value: object, where: str, key: str) -> str:
     if not isinstance(value, str):
         raise InputError(where, key, "a text", repr(value))
     return value
-
-
-def _pair(value: float, error: float) -> str:
-    return f"{float(value)!r} +/- {float(error)!r}"
 
 
 def _name_of(file: Path, reader: str | Path) -> str:

@@ -37,28 +37,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSet:
-    """Capsules of one session, as a file or a folder holds them.
-
-    Parameters
-    ----------
-    measurements : tuple of Measurement
-    experiment : Experiment
-    left_out : tuple of str
-        One line for each capsule that cannot be used.
-    """
+    """Capsules of one session, as a file or a folder holds them."""
 
     measurements: tuple[Measurement, ...]
     experiment: Experiment
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # a line for each capsule that cannot be used
 
 
 def check_comparable(measurement: Measurement, where: str) -> None:
-    """Refuse a measurement that failed, or whose lengths are in metres, or whose outline is not over l along the flow.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a measurement that failed, or that is not over l, or whose outline is not along the flow."""
     if not measurement.status.ok:
         raise InputError(where, "status", "a measurement that is done", str(measurement.status), "leave it out")
     if not measurement.over_half_width:
@@ -69,43 +56,24 @@ def check_comparable(measurement: Measurement, where: str) -> None:
 def gathered(
     readers: Iterable[Callable[[], Measurement]], where: Path
 ) -> tuple[tuple[Measurement, ...], tuple[str, ...]]:
-    """Return the capsules that can be read and compared, and one line for each of the others.
-
-    Parameters
-    ----------
-    readers : iterable of functions
-        Each reads one capsule.
-    where : Path
-        Of the set.
-
-    Raises
-    ------
-    InputError
-        If no capsule can be used.
-    """
-    found: list[Measurement] = []
+    """Return the capsules of a set that can be read and compared, and one line for each of the others."""
+    comparable: list[Measurement] = []
     left_out: list[str] = []
     for read in readers:
         try:
             measurement = read()
             check_comparable(measurement, measurement.source)
-            found.append(measurement)
+            comparable.append(measurement)
         except InputError as error:
             left_out.append(str(error))
-    if not found:
+    if not comparable:
         reason = f"{len(left_out)} that cannot be used, the first because of {left_out[0]}" if left_out else "none"
         raise InputError(str(where), "", "at least one capsule", reason)
-    return tuple(found), tuple(left_out)
+    return tuple(comparable), tuple(left_out)
 
 
 def known_experiment(path: Path, experiment: Experiment | str | Path | None) -> Experiment:
-    """Return the experiment that is given, read if it is a file.
-
-    Raises
-    ------
-    InputError
-        If no experiment is given.
-    """
+    """Return the experiment that is given, read if it is a file; refuse none."""
     if experiment is None:
         advice = "say which with experiment=..., or --experiment"
         raise InputError(str(path), "experiment", "the experiment of the capsules", "nothing", advice)
@@ -114,51 +82,57 @@ def known_experiment(path: Path, experiment: Experiment | str | Path | None) -> 
 
 # Columns of a table with units: in the heading, or in each cell, as a text or as a quantity of pint
 
+_EXTENT = ("axial_extent", "axial_extent_error")
+_VELOCITY = ("capsule_velocity", "capsule_velocity_error")
+_LENGTH = ("axial_length", "axial_length_error")
+_RATE = ("flow_rate", "flow_rate_error")
+NUMBERS = (*_EXTENT, *_VELOCITY, *_LENGTH, "length_correlation", *_RATE, *CONDITIONS)
+"""Numbers that are measured of a capsule, or that are its own conditions: lengths over l, the others in SI."""
+
+_ERROR = "_error"
+_UNITS = {name: PARAMETERS[name.removesuffix(_ERROR)].unit for name in NUMBERS if name != "length_correlation"}
+_ENDINGS: dict[str, dict[str, float]] = {  # of headings of numbers of a unit, with what they are over it
+    "l": {"_over_l": 1.0},
+    "m/s": {"_m_per_s": 1.0, "_mm_per_s": 1e-3},
+    "m^3/s": {"_m3_per_s": 1.0, "_ul_per_min": 1e-9 / 60.0},
+    "m": {"_m": 1.0, "_um": 1e-6},
+    "Pa s": {"_pa_s": 1.0, "_mpa_s": 1e-3},
+    "": {"": 1.0},
+}
+_HEADERS = {
+    name: {f"{name}{ending}": factor for ending, factor in _ENDINGS[_UNITS.get(name, "")].items()} for name in NUMBERS
+}
+_HEADERS["capsule_velocity"] |= {"velocity_m_s": 1.0}  # of older tables
+_HEADERS["capsule_velocity_error"] |= {"velocity_error_m_s": 1.0}
+_USUAL = {name: next(iter(headers)) for name, headers in _HEADERS.items()}
 _WITH_UNIT = re.compile(r"(?P<name>\w+)\s*[\[(](?P<unit>[^\])]*)[\])]")
 _STATES_ERROR = re.compile(r"±|\+\s?/?\s?-")
-_ERROR = "_error"
 
 
-def usual_columns(frame: pd.DataFrame, headings: Mapping[str, str], source: str) -> pd.DataFrame:
-    """Return a table whose columns have the usual headings, for one whose columns may be headed otherwise.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        ``capsule_velocity [mm/s]`` is a column of numbers, or of texts as ``"4.86 +/- 0.04"``, in this unit;
-        ``capsule_velocity`` one of numbers in SI (of lengths, over l), of quantities of pint, or of texts as
-        ``"4.86 +/- 0.04 mm/s"``. The errors of texts make a column of their own.
-    headings : mapping of str
-        Usual heading, which is that of SI, of each number by its name.
-    source : str
-        For the message of an error.
-
-    Raises
-    ------
-    InputError
-        On a unit that cannot be read or is not that of the number, or if two columns state the same number.
-    """
+def _usual_columns(frame: pd.DataFrame, source: str) -> pd.DataFrame:
+    """Return a table whose columns have the usual headings, which are those of SI, for one with units of its own."""
+    # ``capsule_velocity [mm/s]`` is a column of numbers, or of texts as ``"4.86 +/- 0.04"``, in this unit;
+    # ``capsule_velocity`` one of numbers in SI (of lengths, over l), of quantities of pint, or of texts as
+    # ``"4.86 +/- 0.04 mm/s"``. The errors of texts make a column of their own.
     columns: dict[str, Any] = {}
     for heading, values in frame.items():
-        found = _WITH_UNIT.fullmatch(str(heading))
-        name = found["name"] if found else str(heading)
-        if name not in headings or (name == headings[name] and not found):
-            made = {str(heading): values}
-        elif found:
-            made = _of_cells(name, values, headings, *_factor(name, found["unit"], source, str(heading)))
+        with_unit = _WITH_UNIT.fullmatch(str(heading))
+        name = with_unit["name"] if with_unit else str(heading)
+        if name not in _USUAL or (name == _USUAL[name] and not with_unit):
+            usual = {str(heading): values}
         else:
-            made = _of_cells(name, values, headings)
-        for key, of in made.items():
+            scale = _factor(name, with_unit["unit"], source, str(heading)) if with_unit else (1.0, "")
+            usual = _of_cells(name, values, *scale)
+        for key, column in usual.items():
             if key in columns:
                 raise InputError(source, str(heading), "one statement of each number", f"a second one of {key}")
-            columns[key] = of
+            columns[key] = column
     return type(frame)(columns)
 
 
 def _target(name: str) -> str:
-    """Return the SI unit of a number, empty for a ratio."""
-    base = name.removesuffix(_ERROR)
-    return PARAMETERS[base].si if base in PARAMETERS else ""
+    """Return the SI unit of a number, empty for a ratio and for a length over l."""
+    return PARAMETERS[name.removesuffix(_ERROR)].si if name in _UNITS else ""
 
 
 def _factor(name: str, unit: str, source: str, heading: str) -> tuple[float, str]:
@@ -171,44 +145,38 @@ def _factor(name: str, unit: str, source: str, heading: str) -> tuple[float, str
         if target:
             raise InputError(source, heading, wanted, repr(unit))
         return 1.0, ""
-    found = parsed(f"1 {unit}", (target,), where=source, key=heading, wanted=wanted)
-    if found.second or found.is_range:
+    one = parsed(f"1 {unit}", (target,), where=source, key=heading, wanted=wanted)
+    if one.second or one.is_range:
         raise InputError(source, heading, wanted, repr(unit))
-    return found.first, unit
+    return one.first, unit
 
 
-def _of_cells(
-    name: str, values: pd.Series, headings: Mapping[str, str], factor: float = 1.0, unit: str = ""
-) -> dict[str, Any]:
+def _of_cells(name: str, values: pd.Series, factor: float, unit: str) -> dict[str, Any]:
     """Return the column of a number, and that of its errors if its cells state any."""
     import pandas as pd
 
     if pd.api.types.is_numeric_dtype(values.dtype) and values.dtype.kind in "fiu":
-        return {headings[name]: factor * values}
+        return {_USUAL[name]: factor * values}
     cells = [_cell(value, name, factor, unit) for value in values]
-    if f"{name}{_ERROR}" not in headings:  # as of a viscosity, whose error is that of the experiment
+    of_error = _USUAL.get(f"{name}{_ERROR}")
+    if of_error is None:  # as of a viscosity, whose error is that of the experiment
         cells = [(str(value), np.nan) if cell[1] > 0.0 else cell for value, cell in zip(values, cells, strict=True)]
-    made = {headings[name]: pd.Series([cell[0] for cell in cells], index=values.index, dtype=object)}
-    errors = np.array([cell[1] for cell in cells])
-    stated = any(isinstance(cell[0], str) and _STATES_ERROR.search(cell[0]) for cell in cells) or np.any(errors > 0.0)
-    if stated and f"{name}{_ERROR}" in headings:
-        made[headings[f"{name}{_ERROR}"]] = pd.Series(errors, index=values.index)
-    return made
+    numbers, errors = [cell[0] for cell in cells], np.array([cell[1] for cell in cells])
+    columns = {_USUAL[name]: pd.Series(numbers, index=values.index, dtype=object)}
+    stated = any(isinstance(number, str) and _STATES_ERROR.search(number) for number in numbers)
+    if of_error is not None and (stated or np.any(errors > 0.0)):
+        columns[of_error] = pd.Series(errors, index=values.index)
+    return columns
 
 
 def _cell(value: Any, name: str, factor: float, unit: str) -> tuple[Any, float]:
     """Return value and error in SI of a cell, by its column's unit; one that cannot be read as it is, to be refused."""
-    if (
-        value is None
-        or (isinstance(value, float) and np.isnan(value))
-        or (isinstance(value, str) and not value.strip())
-    ):
+    text = isinstance(value, str)
+    if value is None or (isinstance(value, float) and np.isnan(value)) or (text and not value.strip()):
         return np.nan, np.nan
-    target, text = _target(name), isinstance(value, str)
+    with_unit = f"{value} {unit}" if text and unit else value
     try:
-        read = Quantity.of(
-            f"{value} {unit}" if text and unit else value, units=(target,), where="table", key=name, signed=True
-        )
+        read = Quantity.of(with_unit, units=(_target(name),), where="table", key=name, signed=True)
     except InputError:
         return str(value), np.nan
     if read.shape != "normal":
@@ -219,40 +187,14 @@ def _cell(value: Any, name: str, factor: float, unit: str) -> tuple[Any, float]:
 
 # A set as one NetCDF file: outlines of all capsules with their lengths, velocities and noise
 
-# numbers over the capsules
-_NEEDED_VARIABLES = ("axial_extent", "axial_extent_error")
-_VELOCITY_VARIABLES = ("capsule_velocity", "capsule_velocity_error")
-_LENGTH = ("axial_length", "axial_length_error")
-_RATE = ("flow_rate", "flow_rate_error")
 _NOISE = {"noise_scale": "l", "noise_correlation": "l", "noise_white": "1"}
-_UNITS = {
-    name: PARAMETERS[name.removesuffix("_error")].unit
-    for name in (*_NEEDED_VARIABLES, *_VELOCITY_VARIABLES, *_LENGTH, *_RATE, *CONDITIONS)
-}
 _OUTLINE = ("capsule", "point", "axis")
 
 
 def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read a file of outlines.
-
-    Parameters
-    ----------
-    path : Path
-        With the variables ``outline`` (capsule, point, axis) [l], columns (z, y), filled up with NaN behind a short
-        one; over the capsules ``axial_extent``, ``axial_extent_error`` [l], ``capsule_velocity``,
-        ``capsule_velocity_error`` [m/s] or ``flow_rate`` and ``flow_rate_error`` [m^3/s] or all four, ``noise_scale``,
-        ``noise_correlation`` [l] as of `OutlineNoise`; optionally ``noise_white``, ``axial_length``,
-        ``axial_length_error`` [l], ``half_width`` [m] and ``viscosity`` [Pa s] where they are not those of the
-        experiment (else NaN), and ``name``. A variable's attribute ``units``, if it has one, must be the unit here.
-        The attribute ``view`` says what all outlines show, ``"mid-plane"`` by default.
-    experiment : Experiment or path
-        By default the file that the attribute ``experiment`` names, relative to this one.
-
-    Raises
-    ------
-    InputError
-        On a variable that is missing or of another shape or unit, or if no capsule can be used.
-    """
+    """Read a file of outlines."""
+    # Outlines (capsule, point, axis) [l], columns (z, y), are filled up with NaN; the numbers of `_UNITS` and `_NOISE`
+    # are over the capsules. Conditions are NaN where they are those of the experiment, which the file may name.
     dataset = opened(path)
     named = dataset.attrs.get("experiment")
     known = known_experiment(path, path.parent / str(named) if experiment is None and named else experiment)
@@ -263,13 +205,7 @@ def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -
 
 
 def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
-    """Write a file that `read_netcdf` reads.
-
-    Raises
-    ------
-    InputError
-        If a capsule has no outline, or one with another `Pose` than the usual, or if they differ in their view.
-    """
+    """Write a file that `read_netcdf` reads; refuse capsules without outlines, and outlines that differ in kind."""
     outlines = [seen.outline for seen in measurements if seen.outline is not None]
     if len(outlines) < len(measurements):
         raise InputError(str(path), "outline", "capsules with outlines", "one without", "write a folder or a .csv")
@@ -282,13 +218,9 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
     points = np.full((len(outlines), max(len(outline.points) for outline in outlines), 2), np.nan)
     for row, outline in enumerate(outlines):
         points[row, : len(outline.points)] = outline.points
-    noises = [outline.noise for outline in outlines]
-    noise = np.array([[noise.scale, noise.correlation_length, noise.white] for noise in noises])
-    numbers = {
-        name: [getattr(seen, name) for seen in measurements]
-        for name in (*_NEEDED_VARIABLES, *_VELOCITY_VARIABLES, *_LENGTH)
-    }
-    numbers |= dict(zip(_NOISE, noise.T, strict=True))
+    noises = [(outline.noise.scale, outline.noise.correlation_length, outline.noise.white) for outline in outlines]
+    numbers = {name: [getattr(seen, name) for seen in measurements] for name in (*_EXTENT, *_VELOCITY, *_LENGTH)}
+    numbers |= dict(zip(_NOISE, np.array(noises).T, strict=True))
     own = {name: [seen.conditions.get(name, np.nan) for seen in measurements] for name in CONDITIONS}
     own |= {name: [getattr(seen, name) or np.nan for seen in measurements] for name in _RATE}
     numbers |= {name: values for name, values in own.items() if np.isfinite(values).any()}
@@ -300,13 +232,7 @@ def write_netcdf(path: Path, measurements: Sequence[Measurement]) -> None:
 
 
 def opened(path: Path) -> xr.Dataset:
-    """Return the content of a NetCDF file.
-
-    Raises
-    ------
-    InputError
-        If it is none, or damaged.
-    """
+    """Return the content of a NetCDF file of a user."""
     check_file(path, "NetCDF file")
     with parsing(str(path), "a NetCDF file"), xr.open_dataset(path, engine="h5netcdf") as opened:
         return opened.load()
@@ -314,8 +240,8 @@ def opened(path: Path) -> xr.Dataset:
 
 def _check(path: Path, dataset: xr.Dataset) -> None:
     """Refuse a file that lacks a variable, or has one of another shape or unit."""
-    velocity = () if "flow_rate" in dataset.variables else _VELOCITY_VARIABLES
-    needed = ("outline", *_NEEDED_VARIABLES, *velocity, "noise_scale", "noise_correlation")
+    velocity = () if "flow_rate" in dataset.variables else _VELOCITY
+    needed = ("outline", *_EXTENT, *velocity, "noise_scale", "noise_correlation")
     for name, unit in {"outline": "l", **_UNITS, **_NOISE}.items():
         dims = _OUTLINE if name == "outline" else ("capsule",)
         wanted = f"a variable ({', '.join(dims)}) in {unit}"
@@ -323,38 +249,36 @@ def _check(path: Path, dataset: xr.Dataset) -> None:
             if name in needed:
                 raise InputError(str(path), name, wanted, "nothing", "add the missing variable")
             continue
-        found = dataset[name]
-        if found.dims != dims or found.dtype.kind not in "fiu" or (name == "outline" and found.shape[2] != 2):
-            sizes = ", ".join(f"{dim}: {size}" for dim, size in found.sizes.items())
-            raise InputError(str(path), name, wanted, f"one of {found.dtype} ({sizes})")
-        if str(found.attrs.get("units", unit)) != unit:
-            raise InputError(str(path), name, wanted, f"one in {found.attrs['units']}", "convert it")
+        variable = dataset[name]
+        if variable.dims != dims or variable.dtype.kind not in "fiu" or (name == "outline" and variable.shape[2] != 2):
+            sizes = ", ".join(f"{dim}: {size}" for dim, size in variable.sizes.items())
+            raise InputError(str(path), name, wanted, f"one of {variable.dtype} ({sizes})")
+        if str(variable.attrs.get("units", unit)) != unit:
+            raise InputError(str(path), name, wanted, f"one in {variable.attrs['units']}", "convert it")
 
 
 def _measurement(path: Path, dataset: xr.Dataset, row: int) -> Measurement:
     capsule = dataset.isel(capsule=row)
     label = str(capsule["name"].item()) if "name" in capsule.variables else str(row + 1)
     where = f"{path}: capsule {label}"
-    names = (*_NEEDED_VARIABLES, *_VELOCITY_VARIABLES, *_LENGTH, *_RATE)
-    numbers = {name: float(capsule[name]) for name in names if name in capsule.variables}
-    needed = (
-        _NEEDED_VARIABLES
-        if np.isfinite(numbers.get("flow_rate", np.nan))
-        else (*_NEEDED_VARIABLES, *_VELOCITY_VARIABLES)
-    )
+    numbers = {name: float(capsule[name]) for name in (*_UNITS, *_NOISE) if name in capsule.variables}
+    needed = _EXTENT if np.isfinite(numbers.get("flow_rate", np.nan)) else (*_EXTENT, *_VELOCITY)
     seen = {name: value for name, value in numbers.items() if name in needed or np.isfinite(value)}
     points = np.asarray(capsule["outline"].values, np.float64)
     view = check_view(capsule.attrs.get("view", MID_PLANE), str(path), "view")
-    white = float(capsule["noise_white"]) if "noise_white" in capsule.variables else 0.0
     try:
-        noise = OutlineNoise(float(capsule["noise_scale"]), float(capsule["noise_correlation"]), white)
+        noise = OutlineNoise(numbers["noise_scale"], numbers["noise_correlation"], numbers.get("noise_white", 0.0))
         outline = MeasuredOutline(points[np.isfinite(points).any(axis=1)], noise, view=view)
     except InputError as error:  # which does not know whose outline it is
         raise InputError(where, error.key, error.expected, error.got, error.advice) from None
-    own = {
-        name: float(capsule[name]) for name in CONDITIONS if name in capsule.variables and np.isfinite(capsule[name])
-    }
-    return Measurement(**seen, outline=outline, conditions=own, source=where)  # type: ignore[arg-type]
+    return _measurement_of({name: value for name, value in seen.items() if name not in _NOISE}, where, outline)
+
+
+def _measurement_of(numbers: Mapping[str, float], where: str, outline: MeasuredOutline | None = None) -> Measurement:
+    """Return the measurement that has these of the `NUMBERS`."""
+    measured = {name: value for name, value in numbers.items() if name not in CONDITIONS}
+    conditions = {name: value for name, value in numbers.items() if name in CONDITIONS}
+    return Measurement(**measured, outline=outline, conditions=conditions, source=where)  # type: ignore[arg-type]
 
 
 # A set as a folder: one measurement file for each capsule, and the file of the experiment
@@ -364,21 +288,7 @@ _MEASURED = ("capsules.csv", "events.csv")  # that measuring a film or an .rtdc 
 
 
 def read_folder(folder: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read the measurement files of a folder and those that films and .rtdc files left in folders within it.
-
-    Parameters
-    ----------
-    folder : Path
-        Each file as `Measurement.read` reads it; files of experiments among them are ignored.
-    experiment : Experiment or path, optional
-        Default: the one that each measurement names. Several must share one cross-section; each capsule keeps the half
-        width and the viscosity of its own experiment.
-
-    Raises
-    ------
-    InputError
-        If no capsule can be used, or one names no experiment, or their experiments have different cross-sections.
-    """
+    """Read the measurement files of a folder, by default each under the experiment that it names."""
     readers = [partial(Measurement.read, file) for file in measurement_files(folder)]
     measurements, left_out = gathered(readers, folder)
     if experiment is None:
@@ -389,13 +299,7 @@ def read_folder(folder: Path, experiment: Experiment | str | Path | None = None)
 
 
 def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: Experiment) -> None:
-    """Write ``experiment.toml`` and ``capsule-001.toml``, ``capsule-002.toml``, and so on.
-
-    Raises
-    ------
-    InputError
-        If the folder holds TOML files already, which would be read as well, or a capsule has conditions of its own.
-    """
+    """Write ``experiment.toml`` and ``capsule-001.toml`` and so on into a folder without TOML files."""
     if any(measurement.conditions for measurement in measurements):
         raise InputError(str(folder), "conditions", "capsules under one experiment", "others", "write a .csv or a .nc")
     if folder.exists() and (not folder.is_dir() or any(folder.glob("*.toml"))):
@@ -409,16 +313,9 @@ def write_folder(folder: Path, measurements: Sequence[Measurement], experiment: 
 
 
 def measurement_files(folder: Path) -> list[Path]:
-    """Return the measurement files of a folder, and each ``measurement.toml`` of a folder anywhere within it.
-
-    A film or an .rtdc file leaves a folder for each capsule, several of them a folder of such folders. Files of
-    experiments among them are ignored.
-
-    Raises
-    ------
-    InputError
-        If a film or an .rtdc file lies in the folder without a folder of its name with what was measured in it.
-    """
+    """Return the measurement files of a folder, and each ``measurement.toml`` of a folder anywhere within it."""
+    # A film or an .rtdc file leaves a folder for each capsule, several of them a folder of such folders. One that lies
+    # there without a folder of its name with what was measured in it is refused.
     for file in sorted(folder.iterdir()):
         if is_recording(file) and not _is_measured(file):
             raise unmeasured(file)
@@ -471,12 +368,10 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
             raise InputError(other.source, "cross_section", expected, repr(other.cross_section))
     if len(known) == 1:
         return measurements, first
-    conditions = {
-        file: {name: getattr(experiment, name).mean for name in CONDITIONS} for file, experiment in known.items()
-    }
-    own = [
-        replace(measurement, conditions=conditions[file]) for measurement, file in zip(measurements, files, strict=True)
-    ]
+    own = []
+    for measurement, file in zip(measurements, files, strict=True):
+        conditions = {name: getattr(known[file], name).mean for name in CONDITIONS}
+        own.append(replace(measurement, conditions=conditions))
     return tuple(own), first
 
 
@@ -489,36 +384,13 @@ def _named(measurement: Measurement) -> Path:
 
 # A set as a table: lengths and velocities, one row a capsule, as a CSV, Parquet or NetCDF file or a pandas DataFrame.
 #
-# Headers or cells carry their units. Lengths are over l; velocities may be in m/s or mm/s. The ``capsules.csv`` that
-# the
-# measurement of a film leaves is such a table too
+# Headers or cells carry their units. The ``capsules.csv`` that the measurement of a film leaves is such a table too
 
 Strings = NDArray[np.str_]
-Rows = Booleans
-
-# name in a measurement, headers under which it is found, and their factors to SI
-_VELOCITY = {"_m_per_s": 1.0, "_mm_per_s": 1e-3}
-_HEADERS: dict[str, dict[str, float]] = {
-    "axial_extent": {"axial_extent_over_l": 1.0},
-    "axial_extent_error": {"axial_extent_error_over_l": 1.0},
-    "capsule_velocity": {f"capsule_velocity{unit}": scale for unit, scale in _VELOCITY.items()} | {"velocity_m_s": 1.0},
-    "capsule_velocity_error": {f"capsule_velocity_error{unit}": scale for unit, scale in _VELOCITY.items()}
-    | {"velocity_error_m_s": 1.0},
-    "axial_length": {"axial_length_over_l": 1.0},
-    "axial_length_error": {"axial_length_error_over_l": 1.0},
-    "length_correlation": {"length_correlation": 1.0},
-    "flow_rate": {"flow_rate_m3_per_s": 1.0, "flow_rate_ul_per_min": 1e-9 / 60.0},
-    "flow_rate_error": {"flow_rate_error_m3_per_s": 1.0, "flow_rate_error_ul_per_min": 1e-9 / 60.0},
-    "half_width": {"half_width_m": 1.0, "half_width_um": 1e-6},
-    "viscosity": {"viscosity_pa_s": 1.0, "viscosity_mpa_s": 1e-3},
-}
-NUMBERS = tuple(_HEADERS)
-"""Numbers that a row may hold: lengths over l, the others in SI."""
 
 SHEETS = (".csv", ".xlsx")
 """Endings of the tables that a spreadsheet writes."""
 
-_NEEDED, _VELOCITY_PAIR = NUMBERS[:2], NUMBERS[2:4]
 _PRIORS = {name: f"{name}_prior" for name in ("surface_shear_modulus", "capsule_radius")}
 _NAMES = ("name", "capsule")
 _IGNORED = ("status", "frames", "alike")
@@ -534,70 +406,28 @@ _STATISTICS: dict[str, Callable[[Floats], Any]] = {
 
 @dataclass(frozen=True, eq=False)
 class MeasuredLengths:
-    """Measured numbers of n capsules.
+    """Measured numbers of n capsules, as the rows of a table hold them."""
 
-    Parameters
-    ----------
-    numbers : mapping of (n,) array
-        Each of `NUMBERS`, NaN where it was not measured.
-    names : (n,) array of str
-    refusals : (n,) array of str
-        Why a row cannot be used, empty if it can; ``"status: NAME"`` for the status of a failed measurement.
-    source, sha256 : str
-        The file and its fingerprint.
-    priors : mapping of (n,) array of str
-        Of G_s and a, in text form, where capsules have their own; empty where not.
-    """
-
-    numbers: Mapping[str, Floats]
+    numbers: Mapping[str, Floats]  # each of `NUMBERS`, (n,), NaN where it was not measured
     names: Strings
-    refusals: Strings
+    refusals: Strings  # why a row cannot be used, empty if it can; "status: NAME" for that of a failed measurement
     source: str = ""
     sha256: str = ""
-    priors: Mapping[str, Strings] = field(default_factory=dict)
+    priors: Mapping[str, Strings] = field(default_factory=dict)  # of G_s and a, texts; empty where a row has none
 
     def __len__(self) -> int:
         return len(self.names)
 
     @classmethod
     def read(cls, path: str | Path) -> MeasuredLengths:
-        """Read a CSV, .xlsx or Parquet table, or a NetCDF file without outlines.
-
-        Parameters
-        ----------
-        path : path
-            Table with the columns ``axial_extent_over_l``, ``axial_extent_error_over_l``, ``capsule_velocity_m_per_s``
-            and ``capsule_velocity_error_m_per_s`` (or both ``..._mm_per_s``), next to which or in place of which
-            ``flow_rate_ul_per_min`` (or ``_m3_per_s``) and ``flow_rate_error_ul_per_min`` may stand; optionally
-            ``axial_length_over_l`` and
-            ``axial_length_error_over_l``, whose cells may be empty where the rear is hidden, ``length_correlation``,
-            ``half_width_um`` (or ``_m``) and ``viscosity_pa_s`` (or
-            ``_mpa_s``) where they are not those of the experiment, ``name``, and ``status``, which is DONE for a
-            capsule to be used. ``surface_shear_modulus_prior`` and ``capsule_radius_prior`` hold texts as
-            ``"50 +/- 10 mN/m"`` that replace the prior of the run. A number may also be headed by its name with a unit,
-            ``capsule_velocity [mm/s]``, or by its name alone, ``capsule_velocity``, over cells in SI or with units of
-            their own, see `capsbayes.measurement_sets.usual_columns`.
-
-        Raises
-        ------
-        InputError
-            On a file that cannot be read, a column that is missing or unknown, or a table without rows.
-        """
+        """Read a CSV, .xlsx or Parquet table, or a NetCDF file without outlines."""
         path = Path(path)
         frame = _frame(path)
         return cls.of_frame(frame, source=str(path), sha256=hashlib.sha256(path.read_bytes()).hexdigest())
 
     @classmethod
     def of_frame(cls, frame: pd.DataFrame, *, source: str = "table", sha256: str = "") -> MeasuredLengths:
-        """Take the numbers from a pandas DataFrame with the columns of `read`.
-
-        Cells may be quantities of pint, or texts with units and errors.
-
-        Raises
-        ------
-        InputError
-            On a column that is missing or unknown, or a table without rows.
-        """
+        """Take the numbers from a pandas DataFrame, of which cells may be quantities of pint, or texts with units."""
         import pandas as pd
 
         if not isinstance(frame, pd.DataFrame):
@@ -605,27 +435,13 @@ class MeasuredLengths:
         frame = frame.rename(columns=lambda name: str(name).strip()).reset_index(drop=True)
         blank = blank_rows(frame)
         below = (np.cumsum(blank) > 0)[~blank]
-        frame = frame[~blank].reset_index(drop=True)
-        frame = usual_columns(frame, {name: next(iter(headers)) for name, headers in _HEADERS.items()}, source)
+        frame = _usual_columns(frame[~blank].reset_index(drop=True), source)
         _check_columns(source, list(frame.columns))
         if not len(frame):
             raise InputError(source, "", "at least one capsule", "none")
         if not sha256:
             sha256 = hashlib.sha256(pd.util.hash_pandas_object(frame).to_numpy().tobytes()).hexdigest()
-        numbers, refusals = {}, np.full(len(frame), "", dtype=object)
-        for name, headers in _HEADERS.items():
-            header = next((header for header in headers if header in frame), None)
-            numbers[name] = np.full(len(frame), np.nan)
-            if header is None:
-                continue
-            found = pd.to_numeric(frame[header], errors="coerce")
-            numbers[name] = headers[header] * found.to_numpy(dtype=np.float64)
-            for row in np.flatnonzero(found.isna() & ~frame[header].isna()).tolist():
-                text = str(frame[header][row]).strip()
-                if text.lower() not in MISSING:
-                    name, advice = mistake_in(text) or ("", "")
-                    got = f"{name} in {text!r}; {advice}" if name else repr(text)
-                    refusals[row] = refusals[row] or f"{header}: expected a number, got {got}"
+        numbers, refusals = _numbers(frame)
         if "status" in frame:
             given = frame["status"].fillna("DONE").astype(str).str.strip().to_numpy()
             refusals[given != "DONE"] = [f"status: {status}" for status in given[given != "DONE"]]
@@ -650,8 +466,9 @@ class MeasuredLengths:
         for row in last:
             varying = np.isfinite(values[row]) & (np.ptp(above, axis=0) > 0.0 if len(above) else False)
             if refusals[row] == "" and len(above) > 2 and varying.sum() > 1:
-                for word, found in _STATISTICS.items():
-                    if np.all((np.abs(values[row] - found(above)) <= rounded * np.abs(found(above)))[varying]):
+                for word, statistic in _STATISTICS.items():
+                    summary = statistic(above)
+                    if np.all((np.abs(values[row] - summary) <= rounded * np.abs(summary))[varying]):
                         refusals[row] = f"name: expected a capsule, got the {word} of the rows above"
             if refusals[row] == "":
                 above = np.concatenate([above, values[row : row + 1]])
@@ -661,12 +478,12 @@ class MeasuredLengths:
         """Refuse the rows that no single measurement may hold."""
         numbers, checked = self.numbers, self
         length = numbers["axial_length"]
-        velocity = np.isnan(numbers["flow_rate"]) | ~np.isnan([numbers[name] for name in _VELOCITY_PAIR]).all(axis=0)
+        velocity = np.isnan(numbers["flow_rate"]) | ~np.isnan([numbers[name] for name in _VELOCITY]).all(axis=0)
         for name in NUMBERS:
             if name == "length_correlation":
                 continue
-            given = ~np.isnan(length if name == "axial_length_error" else numbers[name]) | (name in _NEEDED)
-            given = velocity if name in _VELOCITY_PAIR else given
+            given = ~np.isnan(length if name == "axial_length_error" else numbers[name]) | (name in _EXTENT)
+            given = velocity if name in _VELOCITY else given
             least = -np.finfo(float).tiny if name == "flow_rate_error" else 0.0  # a flow rate may be known
             wrong = given & ~(np.isfinite(numbers[name]) & (numbers[name] > least))
             checked = checked.refused(wrong, name, "a positive finite number")
@@ -681,17 +498,8 @@ class MeasuredLengths:
         wrong = np.abs(np.nan_to_num(numbers["length_correlation"])) >= 1.0
         return checked.refused(wrong, "length_correlation", "a number between -1 and 1")
 
-    def refused(self, rows: Rows, name: str, expected: str) -> MeasuredLengths:
-        """Return the same with further rows refused.
-
-        Parameters
-        ----------
-        rows : (n,) bool array
-        name : str
-            The number at fault.
-        expected : str
-            The right form of the number.
-        """
+    def refused(self, rows: Booleans, name: str, expected: str) -> MeasuredLengths:
+        """Return the same with further rows (n,) refused because of a number."""
         rows = rows & (self.refusals == "")
         if not rows.any():
             return self
@@ -710,13 +518,7 @@ class MeasuredLengths:
         return {name: str(texts[row]) for name, texts in self.priors.items() if texts[row]}
 
     def measurement(self, row: int) -> Measurement:
-        """Return one row as a measurement.
-
-        Raises
-        ------
-        InputError
-            If it is refused.
-        """
+        """Return one row as a measurement, unless it is refused."""
         where = f"{self.source}: capsule {self.names[row]}"
         if why := str(self.refusals[row]):
             key, _, words = why.partition(": ")
@@ -725,10 +527,9 @@ class MeasuredLengths:
                 expected, got = "DONE", str(Status.__members__.get(words, repr(words)))
             raise InputError(where, key, expected, got)
         numbers = {name: float(values[row]) for name, values in self.numbers.items() if np.isfinite(values[row])}
-        own = {name: numbers.pop(name) for name in CONDITIONS if name in numbers}
         if "axial_length" not in numbers:
             numbers.pop("axial_length_error", None)
-        return Measurement(**numbers, conditions=own, source=where)  # type: ignore[arg-type]
+        return _measurement_of(numbers, where)
 
     @property
     def lengths(self) -> Floats:
@@ -750,19 +551,7 @@ class MeasuredLengths:
 
 
 def read_table(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read a table of lengths.
-
-    Parameters
-    ----------
-    path : Path
-        As `MeasuredLengths.read` reads it.
-    experiment : Experiment or path
-
-    Raises
-    ------
-    InputError
-        On a column that is missing or unknown, or if no capsule can be used.
-    """
+    """Read a table of lengths."""
     known = known_experiment(path, experiment)
     lengths = MeasuredLengths.read(path)
     measurements, left_out = gathered([partial(lengths.measurement, row) for row in range(len(lengths))], path)
@@ -770,25 +559,16 @@ def read_table(path: Path, experiment: Experiment | str | Path | None = None) ->
 
 
 def write_table(path: Path, measurements: Sequence[Measurement]) -> None:
-    """Write a table that `read_table` reads.
-
-    Raises
-    ------
-    InputError
-        If a capsule has an outline, for which a table has no place.
-    """
+    """Write a table that `read_table` reads; refuse outlines, for which it has no place."""
     import pandas as pd
 
     if any(measurement.outline is not None for measurement in measurements):
         raise InputError(str(path), "outline", "capsules without outlines", "one with", "write a folder or a .nc")
     columns: dict[str, list[float | None]] = {}
-    for name, headers in _HEADERS.items():
-        values = [
-            measurement.conditions.get(name) if name in CONDITIONS else getattr(measurement, name)
-            for measurement in measurements
-        ]
+    for name, heading in _USUAL.items():
+        values = [seen.conditions.get(name) if name in CONDITIONS else getattr(seen, name) for seen in measurements]
         if any(value is not None for value in values):
-            columns[next(iter(headers))] = values
+            columns[heading] = values
     frame = pd.DataFrame(columns, index=pd.RangeIndex(1, len(measurements) + 1, name="name"), dtype=np.float64)
     write_file(path, text_of_table(frame))
 
@@ -807,13 +587,34 @@ def _frame(path: Path) -> pd.DataFrame:
     if path.suffix == ".nc":
         dataset = opened(path)
         kept = [str(name) for name in dataset.variables if dataset[name].dims == ("capsule",)]
-        return pd.DataFrame({next(iter(_HEADERS.get(name, {name: 1.0}))): dataset[name].values for name in kept})
+        return pd.DataFrame({_USUAL.get(name, name): dataset[name].values for name in kept})
     with parsing(str(path), "a readable .parquet table"):
         try:
             return pd.read_parquet(io.BytesIO(raw))
         except ImportError:
             advice = "pip install 'capsbayes[parquet]', or write the table as .csv"
             raise InputError(str(path), "", "a reader of Parquet files", "none is installed", advice) from None
+
+
+def _numbers(frame: pd.DataFrame) -> tuple[dict[str, Floats], NDArray[np.object_]]:
+    """Return each of `NUMBERS` (n,) of a table in SI, and for each row why it holds none where it should, or ``""``."""
+    import pandas as pd
+
+    numbers = {name: np.full(len(frame), np.nan) for name in NUMBERS}
+    refusals = np.full(len(frame), "", dtype=object)
+    for name, headers in _HEADERS.items():
+        header = next((header for header in headers if header in frame), None)
+        if header is None:
+            continue
+        values = pd.to_numeric(frame[header], errors="coerce")
+        numbers[name] = headers[header] * values.to_numpy(dtype=np.float64)
+        for row in np.flatnonzero(values.isna() & ~frame[header].isna()).tolist():
+            text = str(frame[header][row]).strip()
+            if text.lower() not in MISSING:
+                mistake, advice = mistake_in(text) or ("", "")
+                got = f"{mistake} in {text!r}; {advice}" if mistake else repr(text)
+                refusals[row] = refusals[row] or f"{header}: expected a number, got {got}"
+    return numbers, refusals
 
 
 def _label(name: object) -> str:
@@ -834,11 +635,10 @@ def _check_columns(source: str, columns: list[str]) -> None:
             got = f"{'an unknown' if column else 'a nameless'} one"
             raise InputError(source, column, "a column of a table of lengths", got, advice)
     by_rate = any(header in columns for header in _HEADERS["flow_rate"])
-    for name in _NEEDED if by_rate else (*_NEEDED, *_VELOCITY_PAIR):
+    for name in _EXTENT if by_rate else (*_EXTENT, *_VELOCITY):
         if not any(header in columns for header in _HEADERS[name]):
-            advice = "or flow_rate_ul_per_min" if name in _VELOCITY_PAIR else ""
-            header, got = next(iter(_HEADERS[name])), f"only {', '.join(columns)}"
-            raise InputError(source, header, "a column of this name", got, advice)
+            advice = "or flow_rate_ul_per_min" if name in _VELOCITY else ""
+            raise InputError(source, _USUAL[name], "a column of this name", f"only {', '.join(columns)}", advice)
 
 
 # The forms of a set on disk: a folder of measurement files, a table of lengths, a file of outlines
@@ -849,20 +649,7 @@ _READERS = dict.fromkeys(SHEETS, read_table) | {".nc": read_netcdf}
 def read_set(path: str | Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
     """Read a folder of measurement files, a table of lengths (.csv, .xlsx) or a file of outlines (.nc).
 
-    Parameters
-    ----------
-    path : path
-    experiment : Experiment or path, optional
-        Channel and liquid, if the set does not name its experiment.
-
-    Returns
-    -------
-    MeasuredSet
-
-    Raises
-    ------
-    InputError
-        If the path is none of these, or no capsule can be used.
+    An experiment is needed where the set does not name its own.
     """
     path = Path(path)
     if path.is_dir():
@@ -877,21 +664,7 @@ def read_set(path: str | Path, experiment: Experiment | str | Path | None = None
 
 
 def write_set(path: str | Path, measurements: Sequence[Measurement], experiment: Experiment) -> None:
-    """Write a set in the form that the ending of its name says.
-
-    Parameters
-    ----------
-    path : path
-        Ends in ``.csv`` for a table of lengths, in ``.nc`` for a file of outlines, and is a folder otherwise. Only the
-        folder holds the experiment too.
-    measurements : sequence of Measurement
-    experiment : Experiment
-
-    Raises
-    ------
-    InputError
-        If the form has no place for what the capsules have.
-    """
+    """Write a table of lengths (.csv), a file of outlines (.nc), or a folder, which alone holds the experiment too."""
     path = Path(path)
     if path.suffix == ".csv":
         write_table(path, measurements)

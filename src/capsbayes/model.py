@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
@@ -50,46 +49,37 @@ class Effect(Protocol):
     @property
     def name(self) -> str:
         """Return what the effect is called in results."""
-        ...
 
     @property
     def parameter(self) -> Parameter:
         """Return the size of the effect: name in ``theta``, symbol, unit, meaning."""
-        ...
 
     @property
     def prior(self) -> Quantity:
         """Return the distribution of the parameter, in SI or as a ratio."""
-        ...
 
     @property
     def null_value(self) -> float:
         """Return the size at which the effect changes nothing."""
-        ...
 
     @property
     def kind(self) -> Kind:
         """Return the owner of the parameter."""
-        ...
 
     @property
     def changes(self) -> str:
         """Say in one sentence what the effect does to the picture of a capsule."""
-        ...
 
     @property
     def separated_by(self) -> str:
         """Say in one sentence which measurement would distinguish it from similar effects."""
-        ...
 
     @property
     def circumstances(self) -> tuple[str, ...]:
         """Return which of `capsbayes.model.CIRCUMSTANCES` it must know of each capsule [SI]."""
-        ...
 
     def __call__(self, model: ForwardModel, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch with the effect; ``theta`` holds its parameter and its circumstances as well."""
-        ...
 
 
 @runtime_checkable
@@ -99,7 +89,6 @@ class Unseen(Protocol):
     @property
     def unseen_because(self) -> str:
         """Say in one sentence why it leaves no trace."""
-        ...
 
 
 @runtime_checkable
@@ -108,7 +97,6 @@ class HasRelativeFlow(Protocol):
 
     def relative_flow(self, theta: Theta) -> NDArray[np.float64]:
         """Return the stated flow rate over that which the stated half width and U at the capsule give : (n,) array."""
-        ...
 
 
 @runtime_checkable
@@ -117,7 +105,6 @@ class HasOutlineModes(Protocol):
 
     def outline_modes(self, model: ForwardModel, theta: Mapping[str, float]) -> NDArray[np.float64] | None:
         """Return the own error of the outline at one point, see `ForwardModel.outline_modes`."""
-        ...
 
 
 # The one contract of forward models, and the models made from others by adding an effect or fixing parameters.
@@ -363,27 +350,36 @@ class ForwardModel(ABC):
         return OutsideDatabaseError(theta["capillary_number"], theta["size_ratio"], self.domain.reason(**known))
 
 
-@dataclass(frozen=True, eq=False)
 class _Derived(ForwardModel):
-    """A model made from another one, whose declarations it keeps but for those that it states itself."""
+    """A model made from another one: it keeps the declarations that it does not state, and asks that one."""
 
-    model: ForwardModel
-
-    def _declare(self, **own: Any) -> None:
-        own.setdefault("coordinates", dict(self.model.coordinates))  # the default mapping cannot be pickled
+    def __init__(self, model: ForwardModel, **own: Any) -> None:
+        self.model = model
+        own.setdefault("coordinates", dict(model.coordinates))  # the default mapping cannot be pickled
         for name in _DECLARATIONS:
-            object.__setattr__(self, name, own[name] if name in own else getattr(self.model, name))
+            setattr(self, name, own[name] if name in own else getattr(model, name))
+
+    def _asked(self, theta: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return what the model is asked."""
+        return theta
+
+    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
+        """Predict a batch."""
+        return self.model(self._asked(theta), outline=outline)
+
+    def outline_modes(self, **theta: float) -> Floats | None:
+        return self.model.outline_modes(**self._asked(theta))
 
     def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return those of the model."""
-        return self.model.caveats(theta)
+        return self.model.caveats(self._asked(theta))
 
     def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return that of the model."""
-        return self.model.relative_area(theta)
+        return self.model.relative_area(self._asked(theta))
+
+    def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
+        return self.model.added_up(self._asked(theta))
 
 
-@dataclass(frozen=True, eq=False)
 class Extended(_Derived):
     """A forward model with an effect.
 
@@ -403,20 +399,18 @@ class Extended(_Derived):
     0.04
     """
 
-    effect: Effect
-    _inner: ForwardModel = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        model, effect = self.model, self.effect
+    def __init__(self, model: ForwardModel, effect: Effect) -> None:
         parameter = effect.parameter.name
-        self._declare(
+        super().__init__(
+            model,
             name=f"{model.name} + {effect.name}",
             sha256=hashlib.sha256(f"{model.sha256} {effect!r}".encode()).hexdigest(),
             effects=(*model.effects, parameter),
             circumstances=(*model.circumstances, *effect.circumstances),
             database=None,
         )
-        object.__setattr__(self, "_inner", model if parameter in model.names else _WithinEffect(model, parameter))
+        self.effect = effect
+        self._inner = model if parameter in model.names else _WithinEffect(model, parameter)
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch.
@@ -444,7 +438,6 @@ class Extended(_Derived):
         return self.effect(self._inner, theta, outline=outline)
 
     def outline_modes(self, **theta: float) -> Floats | None:
-        """Return the effect's own error of the outline if it states one, or that of the model."""
         self.check_names(theta)
         if isinstance(self.effect, HasOutlineModes) and self.effect.parameter.name in theta:
             return self.effect.outline_modes(self._inner, theta)
@@ -454,7 +447,6 @@ class Extended(_Derived):
             return None
 
     def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return that of the model, changed by an effect on the flow rate or the half width that are stated."""
         inner = self.model.relative_area(theta)
         if isinstance(self.effect, HasRelativeFlow) and self.effect.parameter.name in theta:
             arrays = {name: np.asarray(values, float) for name, values in theta.items()}
@@ -462,16 +454,13 @@ class Extended(_Derived):
         return inner
 
     def with_membrane(self) -> ForwardModel | None:
-        """Return that of the model with the effect."""
         joint = self.model.with_membrane()
         return None if joint is None else Extended(joint, self.effect)
 
     def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
-        """Return that of the model with the membrane's parameters, if it can be the base."""
         return (self.model.with_membrane() or self.model).added_up(theta)
 
 
-@dataclass(frozen=True, eq=False)
 class FixedParameters(_Derived):
     """A forward model with known values of further coordinates, or known sizes of effects.
 
@@ -487,69 +476,43 @@ class FixedParameters(_Derived):
         On a name that is neither a coordinate nor the parameter of an effect of the model.
     """
 
-    values: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        model, values = self.model, self.values
+    def __init__(self, model: ForwardModel, values: Mapping[str, float]) -> None:
         known = (*model.coordinates, *model.effects)
         unknown = [repr(name) for name in values if name not in known]
         if unknown:
             expected = f"names among {', '.join(known)}" if known else "no names, as it has no parameters to fix"
             raise InputError(model.name, "fixed parameters", expected, ", ".join(unknown))
         places = [f"{name} = {value:g}" for name, value in values.items() if name in model.coordinates]
-        self._declare(
+        super().__init__(
+            model,
             name=f"{model.name} at {', '.join(places)}" if places else model.name,
             sha256=hashlib.sha256(f"{model.sha256} {sorted(values.items())}".encode()).hexdigest(),
             domain=model.domain.at(values),
             coordinates={name: ends for name, ends in model.coordinates.items() if name not in values},
             effects=tuple(name for name in model.effects if name not in values),
         )
+        self.values = values
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
         """Predict a batch."""
         self.check_names(theta)
-        return self.model(self._completed(theta), outline=outline)
-
-    def outline_modes(self, **theta: float) -> Floats | None:
-        """Return those of the model."""
-        return self.model.outline_modes(**{**theta, **self.values})
-
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return those of the model."""
-        return self.model.caveats(self._completed(theta))
-
-    def relative_area(self, theta: Mapping[str, ArrayLike]) -> Floats:
-        """Return that of the model."""
-        return self.model.relative_area(self._completed(theta))
+        return super().__call__(theta, outline=outline)
 
     def with_membrane(self) -> ForwardModel | None:
-        """Return that of the model at the same values."""
         joint = self.model.with_membrane()
         return None if joint is None else FixedParameters(joint, self.values)
 
-    def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
-        """Return that of the model."""
-        return self.model.added_up(self._completed(theta))
-
-    def _completed(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+    def _asked(self, theta: Mapping[str, Any]) -> Mapping[str, Any]:
         count = np.shape(theta["capillary_number"])
-        return {**theta, **{name: np.full(count, value) for name, value in self.values.items()}}
+        return {**theta, **{name: np.full(count, value)[()] for name, value in self.values.items()}}
 
 
-@dataclass(frozen=True, eq=False)
 class _WithinEffect(_Derived):
     """A model as an effect sees it, which may pass on its own parameter with everything else."""
 
-    parameter: str
-
-    def __post_init__(self) -> None:
-        self._declare()
-
-    def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
-        return self.model(self._without_parameter(theta), outline=outline)
-
-    def outline_modes(self, **theta: float) -> Floats | None:
-        return self.model.outline_modes(**self._without_parameter(theta))
+    def __init__(self, model: ForwardModel, parameter: str) -> None:
+        super().__init__(model)
+        self._parameter = parameter
 
     def joined(self, effect_database: str) -> ForwardModel | None:
         return self.model.joined(effect_database)
@@ -557,5 +520,5 @@ class _WithinEffect(_Derived):
     def with_membrane(self) -> ForwardModel | None:
         return self.model.with_membrane()
 
-    def _without_parameter(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in theta.items() if name != self.parameter}
+    def _asked(self, theta: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {name: value for name, value in theta.items() if name != self._parameter}

@@ -70,131 +70,131 @@ class Parameter:
         return value * self.scale
 
 
-def _ratio(name: str, symbol: str, latex: str, meaning: str, unit: str = "-") -> Parameter:
-    return Parameter(name, symbol, latex, unit, unit, 1.0, meaning)
+_SHOWN = {  # unit and factor of the display, by the unit of the table; any other is displayed as it is
+    "N/m": ("mN/m", 1e3),
+    "m": ("µm", 1e6),
+    "m/s": ("mm/s", 1e3),
+    "m^3/s": ("µL/min", 6e10),
+    "s": ("µs", 1e6),
+    "s/m": ("% per mm/s", 0.1),
+    "%": ("%", 1e2),
+    "°": ("°", 180.0 / math.pi),
+}
 
-
+# name, symbol, the symbol for figures, unit ("%" and "°" for ratios that are displayed so), meaning
 _TABLE = (
     # of the capsule
-    Parameter("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "mN/m", 1e3, "shear modulus of the membrane"),
-    Parameter("capsule_radius", "a", "a", "m", "µm", 1e6, "radius of the capsule at rest"),
-    _ratio("bending", "B", "B", "bending modulus of the membrane", "G_s a^2"),
-    Parameter("membrane_thickness", "t", "t", "m", "µm", 1e6, "thickness of the membrane"),
-    _ratio("pre_inflation", "alpha", r"\alpha", "radius added by inner pressure before the flow, over that without"),
-    _ratio("rest_aspect", "A_0", "A_0", "axis of the shape at rest along the flow over that across"),
-    _ratio("hardening", "C", "C", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
-    _ratio("area_dilation_modulus", "K", "K", "resistance of the membrane to a change of area at small strain", "G_s"),
-    _ratio("strain_hardening", "h", "h", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
-    _ratio(
-        "hooke_share", "s_H", r"s_\mathrm{H}", "share of generalised Hooke's energy in that of a neo-Hookean membrane"
+    ("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "shear modulus of the membrane"),
+    ("capsule_radius", "a", "a", "m", "radius of the capsule at rest"),
+    ("bending", "B", "B", "G_s a^2", "bending modulus of the membrane"),
+    ("membrane_thickness", "t", "t", "m", "thickness of the membrane"),
+    ("pre_inflation", "alpha", r"\alpha", "-", "radius added by inner pressure before the flow, over that without"),
+    ("rest_aspect", "A_0", "A_0", "-", "axis of the shape at rest along the flow over that across"),
+    ("hardening", "C", "C", "-", "hardening of a Skalak membrane, the cost of a change of area relative to a shear"),
+    ("area_dilation_modulus", "K", "K", "G_s", "resistance of the membrane to a change of area at small strain"),
+    ("strain_hardening", "h", "h", "-", "share of Skalak's energy with C = 1 in that of a neo-Hookean membrane"),
+    (
+        "hooke_share",
+        "s_H",
+        r"s_\mathrm{H}",
+        "-",
+        "share of generalised Hooke's energy in that of a neo-Hookean membrane",
     ),
     # of the experiment
-    Parameter("half_width", "l", r"\ell", "m", "µm", 1e6, "half width of the channel"),
-    _ratio("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "radius of the corners of the cross-section"),
-    _ratio("section_aspect", "b/l", r"b/\ell", "depth of the channel along the direction of view over the width seen"),
-    Parameter("viscosity", "mu", r"\mu", "Pa s", "Pa s", 1.0, "viscosity of the suspending liquid"),
-    Parameter("viscous_tension", "mu U", r"\mu U", "N/m", "mN/m", 1e3, "viscosity times mean velocity of the flow"),
-    Parameter("density", "rho", r"\rho", "kg/m^3", "kg/m^3", 1.0, "density of the suspending liquid"),
-    Parameter("mean_velocity", "U", "U", "m/s", "mm/s", 1e3, "mean velocity of the undisturbed flow"),
-    Parameter("flow_rate", "Q", "Q", "m^3/s", "µL/min", 6e10, "volume of the liquid that flows through in a time"),
-    Parameter("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "mm/s", 1e3, "velocity of the capsule"),
-    Parameter("frame_rate", "f", "f", "1/s", "1/s", 1.0, "pictures per second of a film"),
-    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which light falls on one picture"),
+    ("half_width", "l", r"\ell", "m", "half width of the channel"),
+    ("corner_radius", "r_c/l", r"r_\mathrm{c}/\ell", "-", "radius of the corners of the cross-section"),
+    ("section_aspect", "b/l", r"b/\ell", "-", "depth of the channel along the direction of view over the width seen"),
+    ("viscosity", "mu", r"\mu", "Pa s", "viscosity of the suspending liquid"),
+    ("viscous_tension", "mu U", r"\mu U", "N/m", "viscosity times mean velocity of the flow"),
+    ("density", "rho", r"\rho", "kg/m^3", "density of the suspending liquid"),
+    ("mean_velocity", "U", "U", "m/s", "mean velocity of the undisturbed flow"),
+    ("flow_rate", "Q", "Q", "m^3/s", "volume of the liquid that flows through in a time"),
+    ("capsule_velocity", "v_o", r"v_\mathrm{o}", "m/s", "velocity of the capsule"),
+    ("frame_rate", "f", "f", "1/s", "pictures per second of a film"),
+    ("exposure", "t_e", r"t_\mathrm{e}", "s", "time for which a picture is exposed"),
     # of the flow problem
-    _ratio("capillary_number", "Ca", r"\mathrm{Ca}", "capillary number mu U / G_s"),
-    _ratio("size_ratio", "a/l", r"a/\ell", "radius at rest over half width"),
-    _ratio("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "velocity of the capsule over mean undisturbed velocity"),
-    _ratio(
-        "unsteadiness", "l/(U t)", r"\ell/(Ut)", "inverse of the time since the capsule was put into the flow", "U/l"
-    ),
+    ("capillary_number", "Ca", r"\mathrm{Ca}", "-", "capillary number mu U / G_s"),
+    ("size_ratio", "a/l", r"a/\ell", "-", "radius at rest over half width"),
+    ("velocity_ratio", "v_o/U", r"v_\mathrm{o}/U", "-", "velocity of the capsule over mean undisturbed velocity"),
+    ("unsteadiness", "l/(U t)", r"\ell/(Ut)", "U/l", "inverse of the time since the capsule was put into the flow"),
     # of the steady shape
-    _ratio("axial_extent", "L_z", r"L_z/\ell", "maximum extension along the flow", "l"),
-    _ratio("axial_length", "L_a", r"L_a/\ell", "length on the axis", "l"),
-    _ratio("parachute_depth", "L_p", r"L_p/\ell", "depth of the concave rear L_z - L_a", "l"),
-    _ratio("perimeter", "P", r"P/\ell", "length of the profile in the plane x = 0", "l"),
-    _ratio("stretch_ratio", "Lambda", r"\Lambda", "perimeter over that at rest P / (2 pi a)"),
-    _ratio("inner_pressure", "p_in", r"p_\mathrm{in}", "pressure of the inner liquid", "mu U/l"),
-    _ratio("extra_pressure_drop", "dP+", r"\Delta P^+", "pressure drop added by the capsule", "mu U/l"),
-    _ratio("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "smallest principal tension of the membrane", "G_s"),
-    _ratio("wrinkling_rate", "sigma", r"\sigma", "growth rate of wrinkles about the axis, where checked", "U/l"),
+    ("axial_extent", "L_z", r"L_z/\ell", "l", "maximum extension along the flow"),
+    ("axial_length", "L_a", r"L_a/\ell", "l", "length on the axis"),
+    ("parachute_depth", "L_p", r"L_p/\ell", "l", "depth of the concave rear L_z - L_a"),
+    ("perimeter", "P", r"P/\ell", "l", "length of the profile in the plane x = 0"),
+    ("stretch_ratio", "Lambda", r"\Lambda", "-", "perimeter over that at rest P / (2 pi a)"),
+    ("inner_pressure", "p_in", r"p_\mathrm{in}", "mu U/l", "pressure of the inner liquid"),
+    ("extra_pressure_drop", "dP+", r"\Delta P^+", "mu U/l", "pressure drop added by the capsule"),
+    ("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "G_s", "smallest principal tension of the membrane"),
+    ("wrinkling_rate", "sigma", r"\sigma", "U/l", "growth rate of wrinkles about the axis, where checked"),
     # of the picture, and of what the flow does to the channel
-    Parameter("halo", "delta", r"\delta", "m", "µm", 1e6, "distance by which all detected edges lie too far out"),
-    Parameter("exposure", "t_e", r"t_\mathrm{e}", "s", "µs", 1e6, "time for which a picture is exposed"),
-    Parameter("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "-", "%", 1e2, "relative error of the size of a pixel"),
-    _ratio("pixel_aspect", "h_p/w_p", r"h_\mathrm{p}/w_\mathrm{p}", "height of a pixel over its width"),
-    Parameter(
-        *("distortion", "k_r", r"k_\mathrm{r}", "-", "%", 1e2),
+    ("halo", "delta", r"\delta", "m", "distance by which all detected edges lie too far out"),
+    ("pixel_scale", "eps_p", r"\epsilon_\mathrm{p}", "%", "relative error of the size of a pixel"),
+    ("pixel_aspect", "h_p/w_p", r"h_\mathrm{p}/w_\mathrm{p}", "-", "height of a pixel over its width"),
+    (
+        "distortion",
+        "k_r",
+        r"k_\mathrm{r}",
+        "%",
         "relative change of the magnification a half width away from the middle of the picture",
     ),
-    Parameter(
-        *("taper", "k_t", r"k_\mathrm{t}", "-", "%", 1e2),
-        "relative change of the magnification along a half width downstream",
-    ),
-    Parameter(
-        *("velocity_scale", "eps_v", r"\epsilon_v", "-", "%", 1e2),
-        "relative error of the velocities of all capsules",
-    ),
-    Parameter(
-        *("flow_rate_error", "eps_Q", r"\epsilon_Q", "-", "%", 1e2),
-        "relative error of the stated flow rates, of all alike",
-    ),
-    Parameter(
-        *("half_width_error", "eps_l", r"\epsilon_\ell", "-", "%", 1e2),
+    ("taper", "k_t", r"k_\mathrm{t}", "%", "relative change of the magnification along a half width downstream"),
+    ("velocity_scale", "eps_v", r"\epsilon_v", "%", "relative error of the velocities of all capsules"),
+    ("flow_rate_error", "eps_Q", r"\epsilon_Q", "%", "relative error of the stated flow rates, of all alike"),
+    (
+        "half_width_error",
+        "eps_l",
+        r"\epsilon_\ell",
+        "%",
         "relative error of the stated half width, which scales the picture",
     ),
-    Parameter(
-        *("half_width_apart", "eps_la", r"\epsilon_{\ell,\mathrm{a}}", "-", "%", 1e2),
+    (
+        "half_width_apart",
+        "eps_la",
+        r"\epsilon_{\ell,\mathrm{a}}",
+        "%",
         "relative error of the stated half width, by which lengths in metres are divided",
     ),
-    Parameter("rotation", "theta", r"\theta", "-", "°", 180.0 / math.pi, "angle of the flow in the picture"),
-    Parameter("swelling", "s_l", r"s_\ell", "s/m", "% per mm/s", 0.1, "relative widening of the channel per velocity"),
+    ("rotation", "theta", r"\theta", "°", "angle of the flow in the picture"),
+    ("swelling", "s_l", r"s_\ell", "s/m", "relative widening of the channel per velocity"),
     # of the membranes of a session, and of the liquid
-    _ratio("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "power of the size with which G_s grows"),
-    Parameter("viscosity_error", "eps_mu", r"\epsilon_\mu", "-", "%", 1e2, "relative error of the viscosity"),
+    ("modulus_slope", "d ln G_s / d ln a", r"d\ln G_\mathrm{s}/d\ln a", "-", "power of the size with which G_s grows"),
+    ("viscosity_error", "eps_mu", r"\epsilon_\mu", "%", "relative error of the viscosity"),
     # of a population
-    Parameter(
-        "modulus_spread", "sd ln G_s", r"\sigma_{\ln G_\mathrm{s}}", "-", "%", 1e2, "spread of G_s among capsules"
-    ),
-    Parameter(
+    ("modulus_spread", "sd ln G_s", r"\sigma_{\ln G_\mathrm{s}}", "%", "spread of G_s among capsules"),
+    (
         "modulus_spread_at_given_size",
         "sd ln G_s | a",
         r"\sigma_{\ln G_\mathrm{s}|a}",
-        "-",
         "%",
-        1e2,
         "spread of G_s among capsules of one size",
     ),
-    Parameter(
-        *("inflation_spread", "sd ln alpha", r"\sigma_{\ln\alpha}", "-", "%", 1e2),
-        "spread of the pre-inflation among capsules",
-    ),
-    Parameter("radius_spread", "sd ln a", r"\sigma_{\ln a}", "-", "%", 1e2, "spread of a among capsules"),
-    _ratio("modulus_freedom", "nu of G_s", r"\nu_{G_\mathrm{s}}", "freedom of the t distribution of G_s"),
-    _ratio("radius_freedom", "nu of a", r"\nu_a", "freedom of the t distribution of a"),
+    ("inflation_spread", "sd ln alpha", r"\sigma_{\ln\alpha}", "%", "spread of the pre-inflation among capsules"),
+    ("radius_spread", "sd ln a", r"\sigma_{\ln a}", "%", "spread of a among capsules"),
+    ("modulus_freedom", "nu of G_s", r"\nu_{G_\mathrm{s}}", "-", "freedom of the t distribution of G_s"),
+    ("radius_freedom", "nu of a", r"\nu_a", "-", "freedom of the t distribution of a"),
     # of a simulation
-    _ratio("iterations", "k", "k", "Newton iterations"),
-    _ratio("refinement", "n", "n", "subdivisions of an edge of the octahedron"),
-    _ratio("residual", "R", "R", "largest collocation residual of the steady state", "U"),
-    _ratio("slack", "s", "s", "uniform normal velocity left over, an indicator of the mesh's error", "U"),
+    ("iterations", "k", "k", "-", "Newton iterations"),
+    ("refinement", "n", "n", "-", "subdivisions of an edge of the octahedron"),
+    ("residual", "R", "R", "U", "largest collocation residual of the steady state"),
+    ("slack", "s", "s", "U", "uniform normal velocity left over, an indicator of the mesh's error"),
 )
 
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _TABLE})
+
+def _parameter(name: str, symbol: str, latex: str, unit: str, meaning: str) -> Parameter:
+    held = "-" if unit in ("%", "°") else unit
+    return Parameter(name, symbol, latex, held, *_SHOWN.get(unit, (unit, 1.0)), meaning)
+
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType({row[0]: _parameter(*row) for row in _TABLE})
 """Every quantity by name."""
 
 
 class Stated(NamedTuple):
-    """Example of a stated quantity, and its plausible range.
-
-    Parameters
-    ----------
-    example : str
-        Text that can be read.
-    least, most : float
-        Of any experiment, SI; a number beyond them was most likely meant in another unit.
-    """
+    """Example of a stated quantity that can be read, and its plausible range of any experiment, SI."""
 
     example: str
-    least: float
+    least: float  # a number beyond the range was most likely meant in another unit
     most: float
 
 

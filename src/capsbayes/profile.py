@@ -195,14 +195,8 @@ class Profile:
 
 
 def check_simple(points: Floats, where: str) -> None:
-    """Refuse an outline (p, 2) that crosses or touches itself, goes round twice, or whose points are not in order.
-
-    Sides that are close along it may cross, as noise makes them do. Of many points, some are omitted.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse an outline (p, 2) that crosses or touches itself, goes round twice, or whose points are not in order."""
+    # Sides that are close along it may cross, as noise makes them do. Of many points, some are omitted.
     starts = points[:: -(-len(points) // _MOST_SIDES)]
     sides, apart = np.roll(starts, -1, axis=0) - starts, starts[None] - starts[:, None]
     on_left = sides[:, None, 0] * apart[:, :, 1] >= sides[:, None, 1] * apart[:, :, 0]
@@ -275,18 +269,9 @@ def equally_spaced(points: Floats, count: int) -> Floats:
 
 
 def with_extent(outline: Floats, axial_extent: float) -> Floats:
-    """Give an outline of points at equal distances, which cut the rear rim, its known extent along the flow.
-
-    On either side the point furthest back moves back onto the plane of the rim; none lies behind it. Which point that
-    is changes from shape to shape: for outlines to be drawn, not for those to be fitted.
-
-    Parameters
-    ----------
-    outline : (p, 2) array
-        Of which the first point is the nose, and point p / 2 the rear on the axis.
-    axial_extent : float
-        Its L_z, in the same unit.
-    """
+    """Give an outline (p, 2) of points at equal distances, which cut the rear rim, its known extent L_z."""
+    # On either side the point furthest back moves back onto the plane of the rim; none lies behind it. Which point that
+    # is changes from shape to shape: for outlines to be drawn, not for those to be fitted.
     mended, half = np.array(outline, dtype=np.float64), len(outline) // 2
     back = mended[0, 0] - axial_extent
     mended[:, 0] = np.maximum(mended[:, 0], back)
@@ -314,10 +299,6 @@ def _axis_crossings(points: Floats) -> Floats:
 
 def _furthest(points: Floats, outline: Floats) -> float:
     """Return the largest distance from a set of points to a closed polygon."""
-    z, y = outline.T
-    edge_z, edge_y = np.roll(z, -1) - z, np.roll(y, -1) - y
-    square = np.maximum(edge_z**2 + edge_y**2, np.finfo(float).tiny)
-    apart_z, apart_y = points[:, :1] - z, points[:, 1:] - y
-    along = np.clip((apart_z * edge_z + apart_y * edge_y) / square, 0.0, 1.0)
-    squared = (apart_z - along * edge_z) ** 2 + (apart_y - along * edge_y) ** 2
-    return float(np.sqrt(squared.min(axis=1).max()))
+    import shapely  # slow to import
+
+    return float(shapely.distance(shapely.points(points), shapely.linearrings(outline)).max())

@@ -39,23 +39,14 @@ _PREFIXES = {
 
 
 class Unit(NamedTuple):
-    """Unit over that of SI.
-
-    Parameters
-    ----------
-    size : Fraction
-    length, mass, time, temperature : int
-        Powers.
-    zero : Fraction
-        Its zero in SI, as that of degrees Celsius.
-    """
+    """Unit over that of SI, with the powers of its dimensions."""
 
     size: Fraction
     length: int = 0
     mass: int = 0
     time: int = 0
     temperature: int = 0
-    zero: Fraction = Fraction(0)
+    zero: Fraction = Fraction(0)  # in SI, as that of degrees Celsius
 
     @property
     def dimension(self) -> tuple[int, ...]:
@@ -120,83 +111,59 @@ _OF_PER_CENT = 'write % after an error only, as in "6.20 +/- 1% mm/s", and a rat
 
 
 class ParsedText(NamedTuple):
-    """Numbers of a text, in SI.
-
-    Parameters
-    ----------
-    first, second : float
-        The number and its error (zero if there is none), or two limits.
-    unit : str
-        SI unit.
-    is_range : bool
-        True for two limits.
-    shape : str
-        The word before the numbers, log-uniform or log-normal; empty if there is none.
-    """
+    """Numbers of a text, in SI."""
 
     first: float
-    second: float
-    unit: str
+    second: float  # the error, zero if there is none; or the second limit
+    unit: str  # of SI
     is_range: bool
-    shape: str
+    shape: str  # the word before the numbers, log-uniform or log-normal; empty if there is none
 
 
 def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str) -> ParsedText:
-    """Split a text into its numbers and their units, and convert the numbers to SI.
+    """Split a text into its numbers and their units, and convert the numbers to the SI unit that fits.
 
-    The page on conventions says what can be written, under "How a quantity is written".
-
-    Parameters
-    ----------
-    text : str
-    units : sequence of str
-        SI units allowed, one for each dimension; an empty string allows a bare number.
-    where, key, wanted : str
-        File, key, and what would have been right, for the message of an error.
-
-    Raises
-    ------
-    InputError
-        If the text cannot be parsed, or its units are unknown or of another dimension.
+    The page on conventions says what can be written, under "How a quantity is written". An empty unit allows a bare
+    number; `wanted` says what would have been right.
     """
     stated = repr(text if len(text) <= _LONGEST else f"{text[:40]} ...")
 
-    def refused(found: str = "", advice: str = "") -> InputError:
-        return InputError(where, key, wanted, f"{found} in {stated}" if found else stated, advice)
+    def refused(mistake: str = "", advice: str = "") -> InputError:
+        return InputError(where, key, wanted, f"{mistake} in {stated}" if mistake else stated, advice)
 
     plain = _plain(text[: _LONGEST + 1])
     if mistake := mistake_in(plain):
         raise refused(*mistake)
     inside = _PARENTHESES.fullmatch(plain)
-    found = _TEXT.fullmatch("{shape}{numbers} {unit}".format(**inside.groupdict()).strip() if inside else plain)
-    if found is None or len(text) > _LONGEST:
+    parts = _TEXT.fullmatch("{shape}{numbers} {unit}".format(**inside.groupdict()).strip() if inside else plain)
+    if parts is None or len(text) > _LONGEST:
         raise refused()
-    is_range, percent, last = found["between"] == "..", bool(found["percent"]), found["last"] or ""
-    of_first = found["unit"] or last
-    if "%" in of_first + last or (percent and (is_range or not of_first or (found["unit"] and last))):
+    is_range, percent, last = parts["between"] == "..", bool(parts["percent"]), parts["last"] or ""
+    of_first = parts["unit"] or last
+    if "%" in of_first + last or (percent and (is_range or not of_first or (parts["unit"] and last))):
         raise refused("a per cent", _OF_PER_CENT)
     target, scale = _resolved(of_first, units, refused)
-    number = float(found["first"])
-    if found["digits"]:  # 50.0(5) is 50.0 +/- 0.5
-        if found["between"] or not math.isfinite(number):
+    number = float(parts["first"])
+    if parts["digits"]:  # 50.0(5) is 50.0 +/- 0.5
+        if parts["between"] or not math.isfinite(number):
             raise refused()
-        second = float(f"{found['digits']}e{Decimal(found['first']).as_tuple().exponent}")
+        second = float(f"{parts['digits']}e{Decimal(parts['first']).as_tuple().exponent}")
     else:
-        second = float(found["second"] or 0.0)
+        second = float(parts["second"] or 0.0)
     other = scale
     if percent:
         if number == 0.0 or scale.zero:
             raise refused("a per cent of a number that may be zero", _OF_PER_CENT)
         second = abs(number) * second / 100.0
-    elif found["second"] and of_first:
+    elif parts["second"] and of_first:
         if not last:
-            raise refused(f"no unit after {found['second']}")
-        its, other = _resolved(last, units, refused)
-        if its != target:
+            raise refused(f"no unit after {parts['second']}")
+        unit, other = _resolved(last, units, refused)
+        if unit != target:
             raise refused("two kinds of units")
     if not is_range:
         other = other._replace(zero=Fraction(0))
-    return ParsedText(scale.measured(number), other.measured(second), target, is_range, found["shape"] or "")
+    return ParsedText(scale.measured(number), other.measured(second), target, is_range, parts["shape"] or "")
 
 
 def mistake_in(text: str) -> tuple[str, str] | None:
@@ -207,7 +174,7 @@ def mistake_in(text: str) -> tuple[str, str] | None:
 
 def _plain(text: str) -> str:
     """Return a text with one spelling of blanks, signs, powers and units."""
-    text = _SUPERSCRIPT.sub(lambda found: f"^{found[0]}", text)
+    text = _SUPERSCRIPT.sub(lambda power: f"^{power[0]}", text)
     text = unicodedata.normalize("NFKC", text).replace("−", "-")
     text = re.sub(r"\+\s?/\s?-|\+-", "±", text)
     return re.sub(r"\bper ?cent\b", "%", re.sub(r"(?:°|\bdeg)\s+C\b", "°C", text)).strip()
@@ -226,23 +193,20 @@ def _named(name: str) -> Unit | None:
 
 
 def _unit(text: str) -> Unit | str | None:
-    """Return the unit of a text: names with powers, multiplied or divided.
-
-    A name that is unknown is returned itself; None if the text cannot be parsed.
-    """
+    """Return the unit of names with powers, multiplied or divided; a name that is unknown; None of any other text."""
     if text.strip() in _CELSIUS:
         return _CELSIUS[text.strip()]
     rest, inverse = re.subn(r"^1\s*(?=/)", "", text.strip())
     unit, place, allowed = Unit(Fraction(1)), 0, "/" if inverse else ""
     while place < len(rest):
-        found = _FACTOR.match(rest, place)
-        if found is None or (place == 0 and found["sign"] != allowed):
+        part = _FACTOR.match(rest, place)
+        if part is None or (place == 0 and part["sign"] != allowed):
             return None
-        power, factor = int(found["power"] or 1), _named(found["name"])
+        power, factor = int(part["power"] or 1), _named(part["name"])
         if factor is None:
-            return found["name"]
-        unit = unit.times(factor, -power if found["sign"] == "/" else power)
-        place = found.end()
+            return part["name"]
+        unit = unit.times(factor, -power if part["sign"] == "/" else power)
+        place = part.end()
     return unit
 
 
@@ -369,6 +333,7 @@ class Quantity:
         where: str = "quantity",
         key: str | None = None,
         units: Sequence[str] = (),
+        example: str = "",
         signed: bool = False,
     ) -> Quantity:
         """Return the quantity that a user gave in any of its forms.
@@ -383,6 +348,8 @@ class Quantity:
             File or argument, for the message of an error; the key is the name by default.
         units : sequence of str
             SI units allowed, by default that of the parameter.
+        example : str
+            A text that would have been right, for the message; by default that of the parameter.
         signed : bool
             True if it may be zero or negative.
 
@@ -396,7 +363,7 @@ class Quantity:
         measured = bool(name or units) and not signed and name not in BELIEVED
         units = tuple(units) or ((PARAMETERS[name].si,) if name in PARAMETERS else SI_UNITS)
         usual = name in STATED and PARAMETERS[name].si in units
-        example = STATED[name if usual else "half_width"].example
+        example = example or STATED[name if usual else "half_width"].example
         if isinstance(given, Quantity):
             made = given if given.unit else replace(given, unit=units[0])
             if made.unit not in units:
@@ -468,25 +435,25 @@ class Quantity:
         wanted = f'a text {names} like "{example}"'
         if not isinstance(text, str) or not text.strip():
             raise InputError(where, key, wanted, "nothing" if text in (None, "") else repr(text))
-        found = parsed(text, units, where=where, key=key, wanted=wanted)
-        usable = all(number == 0.0 or 1.0 / LARGEST <= abs(number) <= LARGEST for number in found[:2])
-        if not (usable and (signed or found.first > 0.0)):
+        numbers = parsed(text, units, where=where, key=key, wanted=wanted)
+        usable = all(number == 0.0 or 1.0 / LARGEST <= abs(number) <= LARGEST for number in numbers[:2])
+        if not (usable and (signed or numbers.first > 0.0)):
             raise InputError(where, key, f"a {'' if signed else 'positive '}finite number, {wanted}", repr(text))
-        if found.is_range:
-            if not found.first < found.second or (found.shape and found.first <= 0.0):
+        if numbers.is_range:
+            if not numbers.first < numbers.second or (numbers.shape and numbers.first <= 0.0):
                 raise InputError(where, key, "low < high", repr(text))
-            if found.shape == "log-normal":
+            if numbers.shape == "log-normal":
                 raise InputError(where, key, "a mean and an error after log-normal", repr(text))
-            return (cls.log_uniform if found.shape else cls.uniform)(found.first, found.second, found.unit)
-        if found.shape == "log-uniform" or found.second < 0.0:
-            expected = "a range after log-uniform" if found.shape == "log-uniform" else f"an error, {wanted}"
+            return (cls.log_uniform if numbers.shape else cls.uniform)(numbers.first, numbers.second, numbers.unit)
+        if numbers.shape == "log-uniform" or numbers.second < 0.0:
+            expected = "a range after log-uniform" if numbers.shape == "log-uniform" else f"an error, {wanted}"
             raise InputError(where, key, expected, repr(text))
-        if found.shape:
+        if numbers.shape:
             try:
-                return cls.log_normal(found.first, found.second, found.unit)
+                return cls.log_normal(numbers.first, numbers.second, numbers.unit)
             except InputError as error:
                 raise InputError(where, key, error.expected, repr(text)) from None
-        return cls(found.first, found.second, found.unit, low=-math.inf if signed else 0.0)
+        return cls(numbers.first, numbers.second, numbers.unit, low=-math.inf if signed else 0.0)
 
     @property
     def known(self) -> bool:
@@ -535,17 +502,7 @@ class Quantity:
         return 1 if self.shape == "uniform" else 0
 
     def logpdf(self, values: ArrayLike) -> Floats:
-        """Return the log of the density, -inf where it vanishes.
-
-        Parameters
-        ----------
-        values : array
-            In `unit`.
-
-        Returns
-        -------
-        array of the same shape
-        """
+        """Return the log of the density, -inf where it vanishes : array of the shape of `values`."""
         from scipy.special import log_ndtr
 
         values = np.asarray(values, dtype=np.float64)
@@ -622,12 +579,7 @@ class Quantity:
         return _of_family(made.family, (*shapes, value + factor * (place - self.value), factor * scale), self.unit)
 
     def check_positive(self, where: str, key: str) -> None:
-        """Refuse a quantity that is not positive and finite.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse a quantity that is not positive and finite."""
         if not (self.value > 0.0 and math.isfinite(self.value) and math.isfinite(self.error)):
             got = f"{self.value:g}" + ("" if self.known else f" with a standard deviation of {self.error:g}")
             raise InputError(where, key, "a positive finite number or a distribution of finite variance", got)
@@ -665,13 +617,7 @@ class Quantity:
 
     @classmethod
     def of_record(cls, stated: Any, unit: str = "") -> Quantity:
-        """Return the quantity of which `as_record` gave the record.
-
-        Raises
-        ------
-        ValueError
-            If scipy.stats has no such distribution.
-        """
+        """Return the quantity of which `as_record` gave the record; a ValueError names an unknown distribution."""
         if not isinstance(stated, dict):
             return cls(float(stated), unit=unit)
         import scipy.stats  # half a second to import

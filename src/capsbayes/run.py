@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import functools
 import hashlib
 import io
@@ -25,13 +26,12 @@ from dataclasses import dataclass, fields, is_dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import IO, Any, ParamSpec, Protocol, TypeVar, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_origin, get_type_hints, runtime_checkable
 
 import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import DatabaseError, InputError, NoRoomError
-from capsbayes.files.input_file import read_bytes
 from capsbayes.files.output_file import make_folder, refusing, unguarded, write_file
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.quantity import Quantity
@@ -81,14 +81,10 @@ def content_of(value: Any) -> Any:
 
 # A lock on what a run writes, so that no second run writes it at the same time; it dies with its owner
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-
 _logger = logging.getLogger(__name__)
 
-_BEYOND = 1 << 20  # a byte far behind the name of the owner, which stays readable on Windows
+_WAIT = 0.2  # s for a lock that its owner is giving up
+_WITHOUT_LOCKS = errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP  # as of NFS without its lock service
 
 
 @contextlib.contextmanager
@@ -97,53 +93,31 @@ def only_run(out: Path) -> Iterator[None]:
     # The operating system holds the lock as long as the process lives, on the file ``.NAME.lock`` next to a file, or
     # ``.lock`` in a folder. Without locks there, a warning is logged: results are whole even so, but work may be done
     # twice.
+    from filelock import FileLock, Timeout
+
     with refusing(out, "a place where files can be written"):
         real = out.resolve()
         path = real / ".lock" if real.is_dir() else real.with_name(f".{real.name}.lock")
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _locked(path)
-    if file is None:
-        owner = path.read_text(encoding="utf-8", errors="replace").strip() or "another process"
-        raise InputError(str(out), "", "no other run that writes it", owner, "let it end, or choose another output")
-    with file:
+        lock = FileLock(path, timeout=_WAIT, fallback_to_soft=False)
         try:
-            yield
-        finally:
-            with contextlib.suppress(OSError):
-                path.unlink()
-
-
-def _locked(path: Path) -> IO[str] | None:
-    """Return the locked file, None if another process holds the lock."""
-    while True:
-        file = path.open("a+", encoding="utf-8")
-        if not _lock(file, path):
-            file.close()
-            return None
-        with contextlib.suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                break
-        file.close()  # its owner removed it meanwhile
-    with contextlib.suppress(OSError):  # as on a full disk: the lock counts, not the name
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
-        file.flush()
-    return file
-
-
-def _lock(file: IO[str], path: Path) -> bool:
-    """Lock a file; return False if another process has locked it."""
+            lock.acquire()
+        except Timeout:
+            owner = path.read_text(encoding="utf-8", errors="replace").strip() or "another process"
+            advice = "let it end, or choose another output"
+            raise InputError(str(out), "", "no other run that writes it", owner, advice) from None
+        except OSError as error:
+            if error.errno not in _WITHOUT_LOCKS:
+                raise
+            _logger.warning("%s cannot be locked (%s): see that no other run writes there.", path, error.strerror)
     try:
-        if sys.platform == "win32":
-            file.seek(_BEYOND)
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    except OSError as error:  # NFS without its lock service, some parallel file systems
-        _logger.warning("%s cannot be locked (%s): see that no other run writes there.", path, error.strerror)
-    return True
+        with contextlib.suppress(OSError):  # as on a full disk: the lock counts, not the name
+            path.write_text(f"process {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()
 
 
 # Progress on standard error: bars on a terminal, lines for a program that asked for them
@@ -164,14 +138,17 @@ def progress_bar(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress bar while work goes on; yield ``update(done, what=None, total=None)``, which moves it."""
     # `count` tells what is done and what it is, as ``(3, "cases")``; it is called every second and once at the end.
-    if not show or not (sys.stderr.isatty() or os.environ.get(LINES) == "lines"):
+    terminal = sys.stderr.isatty()
+    if not show or not (terminal or os.environ.get(LINES) == "lines"):
         yield lambda done, what=None, total=None: None
         return
-    if not sys.stderr.isatty():
-        line = _Line(total, what)
-        with _repeated(lambda: line(*count())) if count else contextlib.nullcontext():
-            yield line
-        return
+    shown = _bar(total, what) if terminal else contextlib.nullcontext(_Line(total, what))
+    with shown as update, _repeated(lambda: update(*count())) if count else contextlib.nullcontext():
+        yield update
+
+
+@contextlib.contextmanager
+def _bar(total: float | None, what: str) -> Iterator[Callable[..., None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -185,8 +162,7 @@ def progress_bar(
             known = bar.tasks[0].total
             bar.update(task, count=f"{done:g}" if known is None else f"{done:g}/{known:g}")
 
-        with _repeated(lambda: update(*count())) if count else contextlib.nullcontext():
-            yield update
+        yield update
 
 
 def line_read(text: str) -> tuple[float, float | None, str] | None:
@@ -243,39 +219,11 @@ def _repeated(action: Callable[[], None]) -> Iterator[None]:
         action()
 
 
-# A file of finished results, one line of JSON each, so that an interrupted computation resumes
-
-
-@dataclass(frozen=True)
-class Records:
-    """Results in a file of JSON lines, appended one by one; safe to append to from many processes at once."""
-
-    path: Path
-
-    def add(self, record: dict[str, Any]) -> None:
-        """Append a record, on a line of its own even if the last one was cut off."""
-        line = json.dumps(record).encode() + b"\n"
-        with refusing(self.path, "a file that can be written"), self.path.open("a+b") as file:
-            if file.tell():
-                file.seek(-1, 2)
-                line = line if file.read() == b"\n" else b"\n" + line
-            file.write(line)  # one short write: lines of several processes do not mix
-
-    def read(self) -> list[dict[str, Any]]:
-        """Return the records in their order, without lines that were cut off; none if there is no file."""
-        records = []
-        for line in read_bytes(self.path).splitlines() if self.path.exists() else ():
-            with contextlib.suppress(ValueError, RecursionError):
-                records.append(json.loads(line))
-        return records
-
-
 # A folder of finished parts of a long computation, so that an interrupted one resumes.
 #
 # Each part is one file: a line with the fingerprint of the settings and a hash of the content, then arrays and JSON in
 # numpy's npz format, without objects. A file is written under another name and then renamed, so it is whole or absent;
-# a
-# damaged one counts as absent. Reading a part never runs code from it
+# a damaged one counts as absent. Reading a part never runs code from it
 
 _MAGIC, _PICKLED = b"capsbayes part 2", b"capsbayes part 1"
 _SUFFIX = ".part"
@@ -542,9 +490,8 @@ def _settings_of_workers() -> Iterator[None]:
         if masked:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
+            del os.environ[name]
+            if value is not None:
                 os.environ[name] = value
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import BrokenPromiseError, InputError
 from capsbayes.measurement import VIEWS
 from capsbayes.model import CIRCUMSTANCES, Domain, ForwardModel
@@ -45,7 +44,7 @@ def check_law(law: MembraneLaw) -> None:
     >>> from capsbayes.physics.membrane import NeoHookean
     >>> check_law(NeoHookean())
     """
-    _keep(type(law).__name__, {promise: partial(deviation, law) for promise, deviation in _LAW_PROMISES.items()})
+    _keep(_LAW_PROMISES, law)
 
 
 def check_effect(effect: Effect, model: ForwardModel) -> None:
@@ -63,8 +62,7 @@ def check_effect(effect: Effect, model: ForwardModel) -> None:
     BrokenPromiseError
         With the first promise that does not hold, and where.
     """
-    promises = {promise: partial(deviation, effect, model) for promise, deviation in _EFFECT_PROMISES.items()}
-    _keep(type(effect).__name__, promises)
+    _keep(_EFFECT_PROMISES, effect, model)
 
 
 def check_model(model: ForwardModel) -> None:
@@ -85,20 +83,19 @@ def check_model(model: ForwardModel) -> None:
     >>> from capsbayes import Surrogate
     >>> check_model(Surrogate.open("square-neo-hookean"))
     """
-    promises = {promise: partial(deviation, model) for promise, deviation in _MODEL_PROMISES.items()}
-    _keep(type(model).__name__, promises)
+    _keep(_MODEL_PROMISES, model)
 
 
-def _keep(name: str, promises: Mapping[str, Callable[[], str]]) -> None:
-    for promise, deviation in promises.items():
+def _keep(promises: Mapping[str, Callable[..., str]], subject: object, *others: object) -> None:
+    """Raise the first promise whose check describes a deviation or fails."""
+    name = type(subject).__name__
+    for promise, check in promises.items():
         try:
-            difference = deviation()
-        except BrokenPromiseError:
-            raise
+            deviation = check(subject, *others)
         except Exception as error:
             raise BrokenPromiseError(name, promise, f"{type(error).__name__}: {error}") from error
-        if difference:
-            raise BrokenPromiseError(name, promise, difference)
+        if deviation:
+            raise BrokenPromiseError(name, promise, deviation)
 
 
 def _invariants(stretch: Floats) -> tuple[Floats, Floats]:
@@ -261,15 +258,14 @@ def _table(prediction: Prediction) -> Floats:
     return np.concatenate([*lengths, outline], axis=1)
 
 
-def _with_and_without(effect: Effect, model: ForwardModel, theta: dict[str, Floats]) -> tuple[Prediction, Prediction]:
+def _with_and_without(
+    effect: Effect, model: ForwardModel, size: float
+) -> tuple[Prediction, Prediction, Booleans, Floats]:
+    """Return the predictions with a size of an effect and without it, where both are inside, and the ratio of flows."""
+    theta, extended = _batch(effect, size, model), model + effect
     without = {name: values for name, values in theta.items() if name != effect.parameter.name or name in model.names}
-    return (model + effect)(theta, outline=True), model(without, outline=True)
-
-
-def _flows(effect: Effect, model: ForwardModel, theta: dict[str, Floats]) -> Floats:
-    """Return by what the effect changes the flow rate over U l^2 : (n,) array."""
-    without = {name: values for name, values in theta.items() if name != effect.parameter.name or name in model.names}
-    return np.asarray((model + effect).relative_area(theta) / model.relative_area(without))
+    there, here = extended(theta, outline=True), model(without, outline=True)
+    return there, here, there.inside & here.inside, extended.relative_area(theta) / model.relative_area(without)
 
 
 def _typical(effect: Effect) -> float:
@@ -293,26 +289,21 @@ def _is_one_effect(effect: Effect, model: ForwardModel) -> str:
 
 
 def _does_nothing_at_null(effect: Effect, model: ForwardModel) -> str:
-    theta = _batch(effect, effect.null_value, model)
-    there, here = _with_and_without(effect, model, theta)
-    both = there.inside & here.inside
+    there, here, both, flows = _with_and_without(effect, model, effect.null_value)
     if not both.any():
         return "it has no answer for any of five capsules"
-    changed = _flows(effect, model, theta)
     return _difference("the prediction at the null value", _table(there)[both], _table(here)[both], 1e-9) or (
-        _difference("the relative flow at the null value", changed, np.ones(()), 1e-9)
+        _difference("the relative flow at the null value", flows, np.ones(()), 1e-9)
     )
 
 
 def _does_something(effect: Effect, model: ForwardModel) -> str:
-    theta = _batch(effect, _typical(effect), model)
-    there, here = _with_and_without(effect, model, theta)
-    both = there.inside & here.inside
+    size = f"at {effect.parameter.name} = {_typical(effect):g}"
+    there, here, both, flows = _with_and_without(effect, model, _typical(effect))
     if not both.any():
-        return f"at {effect.parameter.name} = {_typical(effect):g} it has no answer for any of five capsules"
+        return f"{size} it has no answer for any of five capsules"
     same = np.allclose(_table(there)[both], _table(here)[both], rtol=0.0, atol=1e-9)
-    same = same and np.allclose(_flows(effect, model, theta), 1.0, rtol=0.0, atol=1e-9)
-    return f"at {effect.parameter.name} = {_typical(effect):g} nothing changes" if same else ""
+    return f"{size} nothing changes" if same and np.allclose(flows, 1.0, rtol=0.0, atol=1e-9) else ""
 
 
 def _treats_each_by_itself(effect: Effect, model: ForwardModel) -> str:
@@ -338,9 +329,7 @@ def _leaves_the_domain(prediction: Prediction) -> str:
 
 
 def _moves_outline_and_lengths(effect: Effect, model: ForwardModel) -> str:
-    theta = _batch(effect, _typical(effect), model)
-    there, here = _with_and_without(effect, model, theta)
-    both = there.inside & here.inside
+    there, here, both, _ = _with_and_without(effect, model, _typical(effect))
     if there.outline is None or here.outline is None:
         return "it loses the outline"
     longer = np.ptp(there.outline[both, :, 0], axis=1) - np.ptp(here.outline[both, :, 0], axis=1)

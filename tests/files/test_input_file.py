@@ -10,27 +10,6 @@ def written(tmp_path, text):
     return path
 
 
-def test_a_table_is_returned_with_the_fingerprint_of_the_file(tmp_path):
-    path = written(tmp_path, 'a = "1"\n[b]\nc = 2\n')
-    file = InputFile.read(path)
-    assert file.table(required=("a",), optional=("b",)) == {"a": "1", "b": {"c": 2}}
-    assert file.table("b", required=("c",)) == {"c": 2}
-    assert file.table("none", optional=("x",)) == {}
-    assert len(file.sha256) == 64
-    assert file.sha256 != InputFile.read(written(tmp_path, "a = 2")).sha256
-
-
-def test_keys_are_checked(tmp_path):
-    for text, message in (
-        ("[b]\nd = 1\n", "file.toml: b.d: expected one of c, got an unknown key"),
-        ("[b]\n", "file.toml: b.c: expected a value, got nothing; add the missing key"),
-        ("b = 3\n", "file.toml: b: expected a table [b], got 3"),
-    ):
-        with pytest.raises(InputError) as caught:
-            InputFile.read(written(tmp_path, text)).table("b", required=("c",))
-        assert str(caught.value).endswith(message)
-
-
 def test_what_is_no_file_or_no_toml_is_said(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     for given, message in (

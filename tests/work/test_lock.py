@@ -7,9 +7,12 @@ import sys
 import pytest
 from processes import python
 
-from capsbayes import run as lock
 from capsbayes.errors import InputError
 from capsbayes.run import only_run
+
+if sys.platform != "win32":
+    import fcntl
+of_unix = pytest.mark.skipif(sys.platform == "win32", reason="flock")
 
 HOLDS = """
 import sys, time
@@ -44,27 +47,28 @@ def test_a_link_leads_to_the_same_lock(tmp_path):
         pass
 
 
+@of_unix
 def test_a_lock_that_was_removed_while_waited_for_is_taken_anew(tmp_path, monkeypatch):
-    locked, seen = lock._lock, []
+    locked, seen = fcntl.flock, []
 
-    def removed_first(file, path):
+    def removed_first(file, how):
         if not seen:
-            path.unlink()
-        seen.append(path)
-        return locked(file, path)
+            (tmp_path / ".run.nc.lock").unlink()
+        seen.append(file)
+        return locked(file, how)
 
-    monkeypatch.setattr(lock, "_lock", removed_first)
+    monkeypatch.setattr(fcntl, "flock", removed_first)
     with only_run(tmp_path / "run.nc"):
         assert len(seen) == 2
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="flock")
+@of_unix
 def test_a_file_system_without_locks_is_said_and_one_that_is_read_only_refused(tmp_path, monkeypatch, caplog):
     def unsupported(file, how):
         raise OSError(errno.ENOLCK, "No locks available")
 
     with monkeypatch.context() as patched:
-        patched.setattr(lock.fcntl, "flock", unsupported)
+        patched.setattr(fcntl, "flock", unsupported)
         with only_run(tmp_path / "run.nc"):
             pass
     assert "cannot be locked (No locks available): see that no other run" in caplog.text

@@ -44,19 +44,7 @@ _waiting: ContextVar[dict[Path, Callable[[Path], object]] | None] = ContextVar("
 def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwrite: bool = False) -> Iterator[None]:
     """Protect, within this block, inputs and files that another program wrote or somebody changed from being replaced.
 
-    Parameters
-    ----------
-    inputs : iterable of Path
-        Files that are read; `note_input` adds others.
-    updated : iterable of Path
-        Files that are read and written back with more in them.
-    overwrite : bool
-        True to replace files that capsbayes did not write, except inputs.
-
-    Raises
-    ------
-    InputError
-        Within the block, when such a file would be replaced.
+    Files of `updated` are read and written back with more in them. With `overwrite`, all but inputs may be replaced.
     """
     outer = _guard.get() or Guard()
     own = frozenset(_identity(path) for path in updated if path.exists())
@@ -170,51 +158,14 @@ def write_dataset(
     from xarray.backends import H5NetCDFStore
 
     def write(place: Path) -> None:
-        with place.open("w+b", buffering=0) as disk:
-            lasting = _Lasting(disk)
-            with h5netcdf.File(lasting, "w") as file:
-                dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
-                for name, group in groups.items():  # xarray.DataTree would import dask, which takes as long as sampling
-                    group.dump_to_store(H5NetCDFStore(file.create_group(name)))
-            if lasting.error is not None:
-                raise lasting.error
+        content = io.BytesIO()  # HDF5 itself ends the process where writing fails, as on a full disk
+        with h5netcdf.File(content, "w") as file:
+            dataset.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+            for name, group in groups.items():  # xarray.DataTree would import dask, which takes as long as sampling
+                group.dump_to_store(H5NetCDFStore(file.create_group(name)))
+        place.write_bytes(content.getbuffer())
 
     return _written(Path(path), write)
-
-
-class _Lasting(io.RawIOBase):
-    """A file for HDF5, which ends the process where writing fails, as on a full disk."""
-
-    def __init__(self, disk: io.FileIO) -> None:
-        self._file: io.FileIO | io.BytesIO = disk
-        self.error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        """Write all of the data."""
-        begin, left = self._file.tell(), memoryview(data).cast("B")
-        size = len(left)
-        try:
-            while left:  # a disk takes a part of the data before it is full
-                left = left[self._file.write(left) :]
-        except OSError as error:
-            self.error = error
-            self._file.seek(0)
-            self._file = io.BytesIO(self._file.read())
-            self._file.seek(begin)
-            self._file.write(data)
-        return size
-
-    def readinto(self, buffer: Any) -> int:
-        """Fill a buffer."""
-        return self._file.readinto(buffer) or 0
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Go to a place."""
-        return self._file.seek(offset, whence)
-
-    def truncate(self, size: int | None = None) -> int:
-        """Cut the file, or make it longer."""
-        return self._file.truncate(size)
 
 
 def _commit(files: Mapping[Path, Callable[[Path], object]]) -> None:

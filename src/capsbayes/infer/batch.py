@@ -704,7 +704,7 @@ def identify_folder(
     ----------
     source : path or pandas DataFrame
         A folder of measurement files and pictures, a table of lengths (.csv, .parquet, .nc), a file of outlines (.nc);
-        or a DataFrame with the columns of a table, see `capsbayes.measurement_sets.MeasuredLengths.read`.
+        or a DataFrame with the columns of a table, which the page on many capsules lists.
     model : ForwardModel
     experiment : Experiment, optional
         By default the one that each measurement of a folder names.

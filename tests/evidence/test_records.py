@@ -1,6 +1,6 @@
 """Records are lines of JSON; one that was cut off is passed over."""
 
-from capsbayes.run import Records
+from evidence.records import Records
 
 
 def test_records_come_back_in_order_and_go_on_after_a_cut_line(tmp_path):
