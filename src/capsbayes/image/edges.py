@@ -33,11 +33,10 @@ from capsbayes.image.edge_models import (
     sampled,
     smooth_curve,
     substitute,
-    tangents,
     waves,
     wider_by_few,
 )
-from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area
+from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area, vertex_normals
 from capsbayes.quantity import Quantity
 
 # A closed curve around the dark blob is moved to where the intensity along its normals jumps: the jump is located in
@@ -161,8 +160,7 @@ def _moved(
     if whole is None:
         return None
     curve, erased = whole
-    base, tangent, curvature = _smoothed(curve, median(widths))
-    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    base, normals, curvature = _smoothed(curve, median(widths))
     erased = erased[KDTree(curve).query(base)[1]] if erased.any() else np.zeros(len(base), dtype=bool)
     kept = ~erased
     arcs = max(8, round(_SPACING * len(base) / ARC))
@@ -244,10 +242,10 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
 
 
 def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
-    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
+    """Return points at equal distance on the smoothed curve, unit normals, and curvatures, positive where convex."""
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
     base = rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
-    return base, tangents(base), curvatures(rounded(base, blur / _SPACING))
+    return base, vertex_normals(base), curvatures(rounded(base, blur / _SPACING))
 
 
 def _shifts(
