@@ -411,7 +411,7 @@ def median(values: Floats) -> float:
 
 
 def quantile(values: Floats, share: float) -> float:
-    """Return the value below which a share of an array lies, linear between two; np.quantile takes five times longer."""
+    """Return the value below which a share of an array lies, linear between two; np.quantile takes longer."""
     values = values.ravel()
     if not len(values):
         return np.nan

@@ -239,13 +239,9 @@ class Film:
     @classmethod
     def open(cls, path: str | Path) -> Film:
         """Open a film and count its frames."""
-        path, behind = Path(path), None
-        where = str(path)
-        if not path.is_dir():
-            check_file(path, "film")
+        path, where, behind = Path(path), str(path), None
         if path.is_dir():
             pictures = _pictures(path)
-            count = len(pictures)
             for picture in pictures:
                 check_file(picture, "picture")
                 with contextlib.suppress(CutOffError):  # a frame that cannot be read, as others
@@ -253,7 +249,9 @@ class Film:
                         check_single(images, str(picture))
             if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
-        elif kind_of(path) in VIDEO_KINDS:
+            return cls(path, len(pictures))
+        check_file(path, "film")
+        if kind_of(path) in VIDEO_KINDS:
             check_length(path)
             with quietly():
                 video = cv2.VideoCapture(where)
