@@ -312,9 +312,9 @@ def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
     # and its standard deviation along the normal over that of one point (n,); cubics of the arc length: points at
     # unequal distances do not scatter
     steps = np.array([np.roll(outline, -k * step, axis=0) - outline for k in (-2, -1, 1, 2)])
-    one = np.hypot(*np.moveaxis(steps, -1, 0))
-    before, after = np.roll(one[2], step), np.roll(one[2], -step)
-    places = np.array([-one[1] - np.roll(before, step), -one[1], one[2], one[2] + after])
+    apart = np.hypot(*np.moveaxis(steps, -1, 0))
+    before, after = np.roll(apart[2], step), np.roll(apart[2], -step)
+    places = np.array([-apart[1] - np.roll(before, step), -apart[1], apart[2], apart[2] + after])
     others = [[places[j] for j in range(4) if j != k] for k in range(4)]
     # weights of Lagrange, at the point itself
     weights = np.array([np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)])

@@ -35,7 +35,7 @@ from capsbayes.image.background import (
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import analyse_blob
 from capsbayes.image.edges import pixel_noise
-from capsbayes.image.files import Film, Picture, Pixels, packed
+from capsbayes.image.files import Film, Picture, Pixels
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord, Linker, Track
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.walls import WallLines
@@ -142,7 +142,7 @@ def measure_film(
         raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
     film = replace(film, quarters=by_hand.quarters)
     # they tell the background, the contrast, and whether the film was smoothed
-    sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=background is not None)]
+    sampled: list[Pixels] = [picture.packed().grey for picture in _sample(film, by_hand, given=background is not None)]
     stated = None if background is None else read_picture(background).turned(film.quarters)
     view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
