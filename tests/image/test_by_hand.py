@@ -1,4 +1,4 @@
-"""Walls, scale and part of a picture as a person states them."""
+"""Walls, scale, part and faults of a picture as a person states them."""
 
 import numpy as np
 import pytest
@@ -10,127 +10,174 @@ from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.film import measure_film
 from capsbayes.image.measure import silhouette_of
-from capsbayes.image.overlay import overlay
+from capsbayes.image.overlay import REAR, overlay
+from capsbayes.image.synthetic import Optics
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25.0 +/- 0.1 um", viscosity=0.85)
 VELOCITY = Quantity(6e-3, 6e-5, "m/s")
-SHAPE = (200, 300)
+CAPSULE = drawn(0.08, 1.05, half_width=55.0)
+BLANK = Picture.from_array(np.full((200, 200), 100, dtype=np.uint8))
 
 
-def rows_of_walls(scene):
-    """Rows of either wall at the left and the right border."""
+def rows_of_walls(scene, upper=0.0, lower=0.0):
+    """Rows of either wall at the left and the right border, moved by so much."""
     x, y = scene.middle
     apart = scene.half_width / np.cos(scene.tilt)
     axis = y + np.tan(scene.tilt) * (np.array([0.0, scene.shape[1] - 1.0]) - x)
-    return [*(axis - apart), *(axis + apart)]
+    return [*(axis - apart + upper), *(axis + apart + lower)]
 
 
-def seen(made, **stated):
-    pictures = (Picture.from_array(pixels) for pixels in (made.picture, made.background))
-    picture, background = pictures
-    return detect(picture, background=background, by_hand=ByHand(**stated), half_width=EXPERIMENT.half_width)
+def seen(made, picture=None, *, background=True, **stated):
+    picture = Picture.from_array(made.picture if picture is None else picture)
+    empty = Picture.from_array(made.background) if background else None
+    return detect(picture, background=empty, by_hand=ByHand(**stated), half_width=EXPERIMENT.half_width)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """The capsule as it is found, with nothing stated."""
+    return seen(CAPSULE)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.03, 0.25])
 def test_stated_walls_give_the_lengths_of_those_that_are_found(tilt):
     made = drawn(0.08, 1.05, half_width=55.0, shape=(260, 260), tilt=tilt, centre=(126.0, 131.0))
-    found = seen(made, walls=rows_of_walls(made.scene), wall_error=0.5)
-    assert found.status is Status.DONE
+    stated = seen(made, walls=rows_of_walls(made.scene), wall_error=0.5)
+    assert stated.status is Status.DONE
     truth = [made.axial_extent, made.axial_length, made.axial_extent - made.axial_length, made.half_width]
-    np.testing.assert_allclose(found.lengths, truth, atol=0.3)
-    assert found.walls.tilt == pytest.approx(tilt, abs=1e-6)
-    assert found.walls.half_width_error == pytest.approx(0.5 / np.sqrt(2.0), rel=0.05)
+    np.testing.assert_allclose(stated.lengths, truth, atol=0.3)
+    assert stated.walls.tilt == pytest.approx(tilt, abs=1e-6)
+    assert stated.walls.half_width_error == pytest.approx(0.5 / np.sqrt(2.0), rel=0.05)
     if tilt < 0.1:
-        np.testing.assert_allclose(found.lengths, seen(made).lengths, atol=0.05)
+        np.testing.assert_allclose(stated.lengths, seen(made).lengths, atol=0.05)
 
 
 def test_a_part_of_the_picture_is_measured_where_it_lies():
     """One of two capsules: its outline is in the pixels of the whole picture."""
-    made = drawn(0.1, 0.9, half_width=50.0, shape=SHAPE, centre=(90.0, 99.5))
-    second = drawn(0.1, 0.9, half_width=50.0, shape=SHAPE, centre=(220.0, 99.5))
-    both = made.picture.copy()
-    both[:, 155:] = second.picture[:, 155:]
-    picture, background = Picture.from_array(both), Picture.from_array(made.background)
-    assert detect(picture, background=background).status is Status.SEVERAL_CAPSULES
+    made, second = (drawn(0.1, 0.9, half_width=50.0, shape=(200, 300), centre=(x, 99.5)) for x in (90.0, 220.0))
+    both = np.hstack([made.picture[:, :155], second.picture[:, 155:]])
+    assert seen(made, both).status is Status.SEVERAL_CAPSULES
     alone = seen(made)
     for stated in ({}, {"walls": rows_of_walls(made.scene)}):
-        found = detect(picture, background=background, by_hand=ByHand(crop="8, 10, 150, 180 px", **stated))
-        assert found.status is Status.DONE
-        np.testing.assert_allclose(found.lengths, alone.lengths, atol=0.1)
-        np.testing.assert_allclose(found.outline.points.mean(axis=0), alone.outline.points.mean(axis=0), atol=0.1)
-        np.testing.assert_allclose(found.axis, alone.axis, atol=0.1)
-        assert found.nose.distance == pytest.approx(alone.nose.distance, abs=0.1)
-        assert found.walls.centre_row == pytest.approx(alone.walls.centre_row, abs=0.2)
+        part = seen(made, both, crop="8, 10, 150, 180 px", **stated)
+        assert part.status is Status.DONE
+        np.testing.assert_allclose(part.lengths, alone.lengths, atol=0.1)
+        np.testing.assert_allclose(part.outline.points.mean(axis=0), alone.outline.points.mean(axis=0), atol=0.1)
+        np.testing.assert_allclose(part.axis, alone.axis, atol=0.1)
+        assert part.nose.distance == pytest.approx(alone.nose.distance, abs=0.1)
+        assert part.walls.centre_row == pytest.approx(alone.walls.centre_row, abs=0.2)
 
 
 @pytest.mark.parametrize("background", [True, False])
 def test_a_pixel_size_needs_no_walls(background):
     """The picture shows none: the channel is wider than it."""
-    made = drawn(0.08, 1.05, half_width=55.0)
-    rows = slice(50, 150)
-    picture = made.picture[rows]
-    empty = made.background[rows] if background else None
-    refused = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, background=empty)
+    picture, empty = CAPSULE.picture[50:150], CAPSULE.background[50:150] if background else None
+    how = {"capsule_velocity": VELOCITY, "background": empty}
+    refused = measure(picture, EXPERIMENT, **how)
     assert refused.status is Status.NO_WALLS
     assert all(option in str(refused.status) for option in ("--walls", "--pixel-size", "--axis"))
     size = Quantity(25e-6 / 55.0, 0.01 * 25e-6 / 55.0, "m")
-    made_by = ByHand(pixel_size=size, axis="49.5 px")
-    measured = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, background=empty, by_hand=made_by)
-    truth = np.array([made.axial_extent, made.axial_length]) / 55.0
-    np.testing.assert_allclose(measured.lengths, truth, atol=0.015)
+    measured = measure(picture, EXPERIMENT, **how, by_hand=ByHand(pixel_size=size, axis="49.5 px"))
+    np.testing.assert_allclose(
+        measured.lengths, np.array([CAPSULE.axial_extent, CAPSULE.axial_length]) / 55, atol=0.015
+    )
     scale = np.hypot(0.01, 0.1 / 25.0)
     assert measured.axial_extent_error / measured.axial_extent == pytest.approx(scale, rel=0.1)
     assert measured.outline.pose.offset > 0.5 * scale
+    with pytest.raises(InputError, match="half width: expected that of the channel"):
+        detect(BLANK, by_hand=ByHand(pixel_size="0.3 +/- 0.01 um"))
 
 
-def test_a_measurement_says_that_its_walls_were_stated(tmp_path):
-    made = drawn(0.08, 1.05, half_width=55.0)
-    walls = ByHand(walls="44.5, 154.5", wall_error="0.5 px")
-    measured = measure(made.picture, EXPERIMENT, capsule_velocity=VELOCITY, by_hand=walls)
-    assert measured.walls == "walls by hand at rows 44.5, 154.5 px, each +/- 0.5 px"
-    measured.write(tmp_path / "m.toml")
-    again = Measurement.read(tmp_path / "m.toml")
-    assert again.walls == measured.walls
-    assert measured.walls in repr(again)
-    found = measure(made.picture, EXPERIMENT, capsule_velocity=VELOCITY)
+def test_a_measurement_says_that_its_walls_were_stated_and_that_they_are_off(tmp_path):
+    picture = CAPSULE.picture
+    for walls, off in (("44.5, 154.5", False), ("38.5, 154.5", True)):
+        by_hand = ByHand(walls=walls, wall_error="0.5 px")
+        measured = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, by_hand=by_hand)
+        assert measured.walls == f"walls by hand at rows {walls} px, each +/- 0.5 px"
+        measured.write(tmp_path / "m.toml")
+        again = Measurement.read(tmp_path / "m.toml")
+        assert (again.walls, again.doubt) == (measured.walls, measured.doubt)
+        assert (measured.doubt != "") == off
+        assert measured.walls in repr(again)
+        assert measured.doubt in repr(again)
+    found = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY)
     assert found.walls == ""
     assert "walls" not in found.described()
 
 
-def test_stated_walls_are_dashed_in_the_overlay():
-    made = drawn(0.08, 1.05, half_width=55.0)
-    picture = Picture.from_array(made.picture)
+def test_stated_walls_are_dashed_in_the_overlay_and_lines_that_they_are_off_orange():
+    picture = Picture.from_array(CAPSULE.picture)
+
+    def drawn_over(first, last, **stated):
+        canvas = overlay(picture, detect(picture, by_hand=ByHand(**stated))).astype(int)[4 * first : 4 * last]
+        return canvas[..., 0] - canvas[..., 2]  # blue less red
 
     def blue(**stated):
-        canvas = overlay(picture, detect(picture, by_hand=ByHand(**stated))).astype(int)
-        line = canvas[4 * 44 : 4 * 46]  # rows of the upper wall
-        return np.mean(np.any(line[..., 0] - line[..., 2] > 100, axis=0))
+        return np.mean(np.any(drawn_over(44, 46, **stated) > 100, axis=0))
 
     assert blue() > 0.95
     assert 0.4 < blue(walls="44.5, 154.5") < 0.8
+    orange = 0.3 * (REAR[2] - REAR[0])
+    assert np.count_nonzero(-drawn_over(43, 46, walls="38.5, 154.5") > orange) > 100
+    assert np.count_nonzero(-drawn_over(43, 46, walls="44.5, 154.5") > orange) == 0
+
+
+TILTED = drawn(0.08, 1.05, half_width=55.0, tilt=0.02)
+
+
+def off_band(upper, lower, made=TILTED, **stated):
+    """Walls that are stated so far from where they are."""
+    return seen(made, walls=rows_of_walls(made.scene, upper, lower), **stated).walls
+
+
+@pytest.mark.parametrize("background", [True, False])
+def test_a_wall_six_pixels_outside_its_band_is_warned_of(background):
+    walls = off_band(-6.0, 0.0, background=background)
+    assert walls.off_band == (pytest.approx(6.0, abs=0.7), 0.0)
+    assert walls.doubt.startswith("The upper wall lies")
+    assert "px outside the nearest dark line of the picture; if that is the wall, l is" in walls.doubt
+    assert float(walls.doubt.split("l is ")[1].split("%")[0]) == pytest.approx(100.0 * 3.0 / 58.0, abs=0.7)
+    assert walls.doubt.endswith("smaller.")
+    walls = off_band(6.0, 6.0, background=background)
+    assert walls.off_band == (pytest.approx(-6.0, abs=0.7), pytest.approx(6.0, abs=0.7))
+    assert walls.doubt.startswith("The walls lie 6.")
+    assert "inside and" in walls.doubt
+
+
+def test_walls_on_their_bands_are_not():
+    """Nor walls off by less than their stated error allows, nor in a picture that shows no dark line there."""
+    assert off_band(0.0, 0.0).doubt == ""
+    assert off_band(1.0, -1.0).doubt == ""
+    assert off_band(-6.0, 0.0, wall_error=4.0).doubt == ""
+    bare = drawn(0.08, 1.05, half_width=55.0, optics=Optics(wall_depth=0.0, outside=1.0))
+    assert off_band(-6.0, 0.0, bare).doubt == ""
+    assert detect(Picture.from_array(TILTED.picture)).walls.doubt == ""
 
 
 def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
-    places = 65.0 + 23.37 * np.arange(5)
-    written(tmp_path / "film", film(places))
-    empty = bright(x=places[0]).background
-    row = 0.5 * (118 - 1)
-    known = measure_film(tmp_path / "film", EXPERIMENT, frame_rate=2000.0, background=empty).capsules[0].measurement
+    places, row = 65.0 + 23.37 * np.arange(5), 0.5 * (118 - 1)
+    folder, empty = written(tmp_path / "film", film(places)), bright(x=places[0]).background
+
+    def measured(**stated):
+        made = measure_film(folder, EXPERIMENT, frame_rate=2000.0, background=empty, by_hand=ByHand(**stated))
+        return made.capsules[0].measurement
+
+    known = measured()
     size = Quantity(25e-6 / 45.0, 0.002 * 25e-6 / 45.0, "m")
     for stated in ({"walls": (row - 45.0, row + 45.0)}, {"pixel_size": size, "crop": "5, 4, 320, 110"}):
-        made = measure_film(
-            tmp_path / "film", EXPERIMENT, frame_rate=2000.0, background=empty, by_hand=ByHand(**stated)
-        )
-        measured = made.capsules[0].measurement
-        assert measured.status is Status.DONE
-        assert measured.walls
-        assert measured.axial_extent == pytest.approx(known.axial_extent, rel=5e-3)
-        assert measured.capsule_velocity == pytest.approx(23.37 * size.value * 2000.0, rel=5e-3)
+        capsule = measured(**stated)
+        assert capsule.status is Status.DONE
+        assert capsule.walls
+        assert capsule.axial_extent == pytest.approx(known.axial_extent, rel=5e-3)
+        assert capsule.capsule_velocity == pytest.approx(23.37 * size.value * 2000.0, rel=5e-3)
     # the velocity needs the size of a pixel alone, whose error is smaller than that of the half width
-    assert measured.capsule_velocity_error < 0.003 * measured.capsule_velocity
+    assert capsule.capsule_velocity_error < 0.003 * capsule.capsule_velocity
+    assert measured(walls=(row - 51.0, row + 45.0)).doubt.startswith("The upper wall lies")
+    with pytest.raises(InputError, match="erase: expected nothing for a film"):
+        measured(erase=(0, 0, 9, 9))
 
 
 @pytest.mark.parametrize(
@@ -155,110 +202,69 @@ def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
         ({"crop": "-1, 0, 100, 100"}, "a part of the picture"),
         ({"crop": "0, 0, 8, 100"}, "crop: expected at least 16 x 16 px, got 8 x 100 px"),
         ({"crop": "some"}, "crop: expected left column, upper row, width and height in px"),
+        ({"contrast": "light"}, 'contrast: expected "dark" or "bright"'),
+        ({"erase": "1, 2, 3"}, "erase: expected left column, upper row, width and height of each box"),
+        ({"erase": "1, 2, 3, 0"}, "width and height of each box in px"),
+        ({"erase": ""}, "width and height of each box in px"),
+        ({"erase": 5}, "width and height of each box in px"),
+        ({"erase": "1 2 3 4; 5 6 seven 8"}, "width and height of each box in px"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(stated, message):
-    blank = Picture.from_array(np.full((200, 200), 100, dtype=np.uint8))
     with pytest.raises(InputError) as caught:
-        detect(blank, by_hand=ByHand(**stated), half_width="25 um")
+        detect(BLANK, by_hand=ByHand(**stated), half_width="25 um")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_pixel_size_needs_the_half_width():
-    blank = Picture.from_array(np.full((200, 200), 100, dtype=np.uint8))
-    with pytest.raises(InputError, match="half width: expected that of the channel"):
-        detect(blank, by_hand=ByHand(pixel_size="0.3 +/- 0.01 um"))
-
-
-CAPSULE = drawn(0.08, 1.05, half_width=55.0)
-
-
 @pytest.mark.parametrize("place", [0.0, 0.25, 0.5, 0.8])
-def test_dirt_on_the_outline_is_erased_and_the_lengths_are_those_without_it(place):
-    clean = seen(CAPSULE)
+def test_dirt_on_the_outline_is_erased_and_the_lengths_are_those_without_it(clean, place):
     k = int(place * len(clean.outline.points))
     at = clean.outline.points[k] + 3.0 * clean.outline.normals[k]
-    picture, background = Picture.from_array(dirty(CAPSULE, at)), Picture.from_array(CAPSULE.background)
-    assert detect(picture, background=background).status is Status.DOUBLET
-    found = detect(picture, background=background, by_hand=ByHand(erase=(*(at - 13.0), 26.0, 26.0)))
-    assert found.status is Status.DONE
-    off = (found.lengths - clean.lengths) / np.sqrt(np.diag(found.covariance))
+    assert seen(CAPSULE, dirty(CAPSULE, at)).status is Status.DOUBLET
+    left = seen(CAPSULE, dirty(CAPSULE, at), erase=(*(at - 13.0), 26.0, 26.0))
+    assert left.status is Status.DONE
+    off = (left.lengths - clean.lengths) / np.sqrt(np.diag(left.covariance))
     assert np.abs(off).max() < 1.0
-    erased = found.outline.erased
+    points, erased = left.outline.points, left.outline.erased
     assert 10 < erased.sum() < 40
-    assert np.abs(found.outline.points[erased] - at).max() < 20.0
-    apart = np.hypot(*(found.outline.points[:, None] - clean.outline.points).T).min(axis=0)
+    assert np.abs(points[erased] - at).max() < 20.0
+    apart = np.hypot(*(points[:, None] - clean.outline.points).T).min(axis=0)
     assert apart[~erased].max() < 0.75  # of points 1.25 px apart
-    assert np.all(apart[erased] < 0.75 + 2.0 * found.outline.point_error[erased])
+    assert np.all(apart[erased] < 0.75 + 2.0 * left.outline.point_error[erased])
 
 
-def test_erased_stretches_are_no_part_of_the_silhouette_and_are_dotted_in_the_overlay():
-    clean = seen(CAPSULE)
+def test_erased_stretches_are_no_part_of_the_silhouette_and_are_dotted_in_the_overlay(clean):
     at = clean.outline.points[len(clean.outline.points) // 4]
-    found = seen(CAPSULE, erase=f"{at[0] - 10:.0f}, {at[1] - 10:.0f}, 20, 20 px")
-    whole, rest = silhouette_of(clean), silhouette_of(found)
+    left = seen(CAPSULE, erase=f"{at[0] - 10:.0f}, {at[1] - 10:.0f}, 20, 20 px")
+    whole, rest = silhouette_of(clean), silhouette_of(left)
     assert len(whole.points) - 9 <= len(rest.points) <= len(whole.points) - 4
     assert rest.noise.scale == pytest.approx(whole.noise.scale, rel=0.2)
-    picture = Picture.from_array(CAPSULE.picture)
-    drawings = [overlay(picture, one).astype(int) for one in (clean, found)]
-    (left, top), size = np.rint(4.0 * (at - 10.0)).astype(int), 80
-    red = [one[:, :, 2] - one[:, :, 1] > 90 for one in drawings]
-    whole, rest = (np.count_nonzero(one[top : top + size, left : left + size]) for one in red)
+    drawings = [overlay(Picture.from_array(CAPSULE.picture), each).astype(int) for each in (clean, left)]
+    (column, row), size = np.rint(4.0 * (at - 10.0)).astype(int), 80
+    red = [drawing[:, :, 2] - drawing[:, :, 1] > 90 for drawing in drawings]
+    whole, rest = (np.count_nonzero(each[row : row + size, column : column + size]) for each in red)
     assert 0.1 * whole < rest < 0.6 * whole
     assert np.count_nonzero(red[1]) > 0.8 * np.count_nonzero(red[0])
+    part = seen(CAPSULE, erase=[(*(at - 10.0), 20.0, 20.0)], crop=(10, 8, 180, 180))  # in pixels of the whole picture
+    assert left.outline.erased.sum() == pytest.approx(part.outline.erased.sum(), abs=2)
+    np.testing.assert_allclose(part.lengths, left.lengths, atol=0.1)
 
 
-def test_a_part_and_what_is_erased_in_it_are_in_pixels_of_the_whole_picture():
-    clean = seen(CAPSULE)
-    at = clean.outline.points[len(clean.outline.points) // 4]
-    boxes = [(*(at - 10.0), 20.0, 20.0)]
-    whole, part = (seen(CAPSULE, erase=boxes, **how) for how in ({}, {"crop": (10, 8, 180, 180)}))
-    assert whole.outline.erased.sum() == pytest.approx(part.outline.erased.sum(), abs=2)
-    np.testing.assert_allclose(part.lengths, whole.lengths, atol=0.1)
-
-
-def test_a_speck_of_its_own_is_erased_as_a_whole():
-    beside = seen(CAPSULE).outline.points.max(axis=0) + np.array([16.0, -40.0])
-    picture = Picture.from_array(dirty(CAPSULE, beside, radius=6.0))
-    background = Picture.from_array(CAPSULE.background)
-    assert not detect(picture, background=background).status.ok
-    found = detect(picture, background=background, by_hand=ByHand(erase=(*(beside - 9.0), 18.0, 18.0)))
-    assert found.status is Status.DONE
-
-
-def test_nothing_is_measured_where_most_of_the_outline_or_an_end_is_erased():
-    points = seen(CAPSULE).outline.points
+def test_a_speck_of_its_own_is_erased_as_a_whole_and_little_that_is_left_is_not_measured(clean):
+    points = clean.outline.points
+    beside = points.max(axis=0) + np.array([16.0, -40.0])
+    picture = dirty(CAPSULE, beside, radius=6.0)
+    assert not seen(CAPSULE, picture).status.ok
+    assert seen(CAPSULE, picture, erase=(*(beside - 9.0), 18.0, 18.0)).status is Status.DONE
     right, middle = points[:, 0].max(), points.mean(axis=0)
     for box in ((right - 30.0, 5.0, 60.0, 190.0), (*(middle - 90.0), 180.0, 180.0)):
         assert not seen(CAPSULE, erase=box).status.ok
-
-
-@pytest.mark.parametrize(
-    ("stated", "expected"),
-    [
-        ("1, 2, 3", "erase: expected left column, upper row, width and height of each box"),
-        ("1, 2, 3, 0", "width and height of each box in px"),
-        ("", "width and height of each box in px"),
-        ("1 2 3 4; 5 6 seven 8", "width and height of each box in px"),
-        ("500, 0, 20, 20", "erase: expected a box within the picture of"),
-    ],
-)
-def test_boxes_to_erase_that_cannot_be_are_refused(stated, expected):
-    with pytest.raises(InputError, match=expected):
-        seen(CAPSULE, erase=stated)
-
-
-def test_a_film_has_nothing_to_erase(tmp_path):
-    path = written(tmp_path / "film", film([60.0, 80.0, 100.0]))
-    with pytest.raises(InputError, match="erase: expected nothing for a film"):
-        measure_film(path, EXPERIMENT, frame_rate="1000 Hz", by_hand=ByHand(erase=(0, 0, 9, 9)))
+    with pytest.raises(InputError, match="erase: expected a box within the picture of"):
+        seen(CAPSULE, erase="500, 0, 20, 20")
 
 
 @pytest.mark.parametrize(("walls", "crop"), [((150.0, 190.0), (0, 0, 200, 100)), ((10.0, 50.0), (0, 100, 200, 100))])
 @pytest.mark.parametrize("contrast", ["dark", None])
 def test_a_part_that_does_not_show_the_channel_shows_no_capsule(walls, crop, contrast):
-    made = drawn(0.1, 0.9)
-    by_hand = ByHand(walls=walls, crop=crop, contrast=contrast)
-    seen = detect(Picture.from_array(made.picture), background=Picture.from_array(made.background), by_hand=by_hand)
-    assert seen.status is Status.NO_CAPSULE
+    assert seen(drawn(0.1, 0.9), walls=walls, crop=crop, contrast=contrast).status is Status.NO_CAPSULE

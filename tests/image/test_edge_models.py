@@ -1,4 +1,4 @@
-"""Models of edges fitted to profiles, compared with the same by numpy and scipy."""
+"""Models of edges fitted to profiles, lines without outliers, and bridges, compared with numpy and scipy."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,8 @@ from scipy.special import erfc
 
 from capsbayes.image.edge_models import (
     Model,
-    _evaluated,
     bridge_errors,
     bridged,
-    curvatures,
     fit_without_outliers,
     locate,
     median,
@@ -18,7 +16,6 @@ from capsbayes.image.edge_models import (
     quantile,
     robust_spread,
     sampled,
-    tangents,
     wider_by_few,
     within,
 )
@@ -32,62 +29,39 @@ COEFFICIENTS = {
 every_model = pytest.mark.parametrize("model", Model)
 
 
-def functions(model, place, width):
-    """Functions of a model at the samples, the blurred ramp by an integral of the blurred step."""
+def drawn(model, place, width):
+    """A profile of a model, the blurred ramp by an integral of the blurred step."""
     t = SAMPLES - place
-    step, one = 0.5 * erfc(-t / (width * np.sqrt(2.0))), np.ones_like(t)
+    step, ones = 0.5 * erfc(-t / (width * np.sqrt(2.0))), np.ones_like(t)
     bell = np.exp(-0.5 * (t / width) ** 2)
-    if model is Model.LINE:
-        return np.stack([bell, one, step], axis=1)
-    if model is Model.BAND:
-        return np.stack([bell, one, t, t**2], axis=1)
     fine = np.linspace(-30.0, 20.0, 100_001)
     steps = np.cumsum(0.5 * erfc(-fine / (width * np.sqrt(2.0)))) * (fine[1] - fine[0])
     ramp = np.interp(t, fine, steps)
-    return np.stack([one, t - ramp, step, ramp], axis=1)
+    functions = {
+        Model.EDGE: [ones, t - ramp, step, ramp],
+        Model.LINE: [bell, ones, step],
+        Model.BAND: [bell, ones, t, t**2],
+    }
+    return COEFFICIENTS[model] @ np.array(functions[model])
 
 
-def drawn(model, place, width):
-    return functions(model, place, width) @ COEFFICIENTS[model]
-
-
-def located(model, profiles, *, place=0.0, width=1.5, used=None):
+def located(model, profiles, *, place=0.0, width=1.5, used=None, bend=0.0):
     profiles = np.atleast_2d(profiles)
-    count = len(profiles)
-    used = np.ones(profiles.shape) if used is None else used
-    return locate(profiles, SAMPLES, model, np.full(count, place), np.full(count, width), used)
+    count, used = len(profiles), np.ones(profiles.shape) if used is None else used
+    return locate(profiles, SAMPLES, model, np.full(count, place), np.full(count, width), used, bend)
 
 
 @every_model
 @pytest.mark.parametrize(("place", "width"), [(0.6, 1.2), (-1.3, 2.0), (0.0, 1.5)])
-def test_a_drawn_profile_is_found_again(model, place, width):
+def test_a_drawn_profile_is_found_again_with_its_slope(model, place, width):
     fit = located(model, drawn(model, place, width))
     assert fit.converged[0]
     assert fit.place[0] == pytest.approx(place, abs=1e-3)
     assert fit.width[0] == pytest.approx(width, rel=2e-3)
     assert fit.coefficients[0] == pytest.approx(COEFFICIENTS[model], abs=2e-3)
     np.testing.assert_allclose(fit.fitted[0], drawn(model, place, width), atol=1e-4)
-
-
-@every_model
-def test_the_slope_is_the_change_by_a_shift_of_the_place(model):
-    fit = located(model, drawn(model, 0.4, 1.8))
-    change = (drawn(model, 0.41, 1.8) - drawn(model, 0.39, 1.8)) / 0.02
+    change = (drawn(model, place + 0.01, width) - drawn(model, place - 0.01, width)) / 0.02
     np.testing.assert_allclose(fit.slope[0], change, atol=2e-3)
-
-
-@every_model
-def test_all_functions_and_derivatives_are_filled_in(model):
-    """Compared with central differences of the functions."""
-    place, width, step = 0.4, 1.8, 1e-3
-    shape = len(SAMPLES), len(COEFFICIENTS[model])
-    values, by_place, by_width = (np.full(shape, np.nan) for _ in range(3))
-    _evaluated(int(model), 0.0, SAMPLES, np.ones(len(SAMPLES)), place, width, values, by_place, by_width)
-    shifted = functions(model, place + step, width) - functions(model, place - step, width)
-    wider = functions(model, place, width * np.exp(step)) - functions(model, place, width * np.exp(-step))
-    np.testing.assert_allclose(values, functions(model, place, width), atol=2e-3)
-    np.testing.assert_allclose(by_place, shifted / (2.0 * step), atol=2e-3)
-    np.testing.assert_allclose(by_width, wider / (2.0 * step), atol=2e-3)
 
 
 @pytest.mark.parametrize("bend", [-0.15, 0.3])
@@ -100,23 +74,13 @@ def test_darkness_that_falls_exponentially_is_found_again_with_its_bend(bend):
     darkness = 0.2 * 0.5 * erfc((place - SAMPLES) / (width * np.sqrt(2.0)))
     darkness += 0.2 * (spread * band).sum(axis=1) * (depth[1] - depth[0])
     used = (np.abs(SAMPLES) <= 6.0).astype(float)
-    start = np.zeros(1), np.array([1.3])
-    fit, straight = (
-        locate(1.0 - darkness[None], SAMPLES, Model.EDGE, *start, used[None], each) for each in (bend, 0.0)
-    )
+    fit, straight = (located(Model.EDGE, 1.0 - darkness, width=1.3, used=used[None], bend=b) for b in (bend, 0.0))
     assert fit.place[0] == pytest.approx(place, abs=5e-3)
     assert fit.width[0] == pytest.approx(width, rel=5e-3)
     np.testing.assert_allclose(fit.fitted[0], used * (1.0 - darkness), atol=3e-4)
     assert abs(straight.place[0] - place) > 0.02
-
-
-def test_a_small_bend_is_none():
-    profile = drawn(Model.EDGE, 0.4, 1.5)[None]
-    places = [
-        locate(profile, SAMPLES, Model.EDGE, np.zeros(1), np.ones(1), np.ones_like(profile), bend).place[0]
-        for bend in (0.0, 1e-17, 1e-3)
-    ]
-    assert places == pytest.approx([0.4] * 3, abs=5e-3)
+    tiny = [located(Model.EDGE, drawn(Model.EDGE, 0.4, 1.5), width=1.0, bend=b).place[0] for b in (0.0, 1e-17, 1e-3)]
+    assert tiny == pytest.approx([0.4] * 3, abs=5e-3)
 
 
 def test_the_place_moves_by_twelve_steps_of_at_most_a_pixel():
@@ -130,10 +94,18 @@ def test_the_place_moves_by_twelve_steps_of_at_most_a_pixel():
 
 
 @every_model
-def test_it_comes_from_afar_in_few_steps(model):
+def test_it_comes_from_afar_whatever_the_light_and_what_is_not_used(model):
     fit = located(model, drawn(model, 1.7, 1.6), place=-0.5, width=2.2)
     assert fit.converged[0]
     assert fit.place[0] == pytest.approx(1.7, abs=2e-3)
+    profile, used = drawn(model, 0.3, 1.4), np.ones((1, len(SAMPLES)))
+    plain, other = located(model, profile), located(model, 0.3 + 0.6 * profile)
+    assert other.place[0] == pytest.approx(plain.place[0], abs=1e-4)
+    assert other.place_variance[0] == pytest.approx(plain.place_variance[0] / 0.36, rel=1e-3)
+    used[0, [0, 1, 17, 18]] = 0.0
+    fit, other = (located(model, each, used=used) for each in (profile, np.where(used == 0.0, 5.0, profile)))
+    assert other.place[0] == fit.place[0] == pytest.approx(0.3, abs=2e-3)
+    assert fit.place_variance[0] > plain.place_variance[0]
 
 
 @every_model
@@ -144,28 +116,8 @@ def test_the_variance_of_the_place_is_that_of_noisy_profiles(model):
     assert np.var(fit.place[fit.converged]) == pytest.approx(noise**2 * np.median(fit.place_variance), rel=0.25)
 
 
-@every_model
-def test_samples_that_are_not_used_change_nothing(model):
-    profile = drawn(model, 0.3, 1.4)
-    used = np.ones_like(profile)
-    used[[0, 1, 17, 18]] = 0.0
-    spoilt = np.where(used == 0.0, 5.0, profile)
-    fit, other = (located(model, one, used=used[None]) for one in (profile, spoilt))
-    assert other.place[0] == fit.place[0] == pytest.approx(0.3, abs=2e-3)
-    assert fit.place_variance[0] > located(model, profile).place_variance[0]
-
-
-@every_model
-def test_brightness_and_contrast_change_neither_place_nor_width(model):
-    profile = drawn(model, 0.5, 1.3)
-    fit, other = located(model, profile), located(model, 0.3 + 0.6 * profile)
-    assert other.place[0] == pytest.approx(fit.place[0], abs=1e-4)
-    assert other.place_variance[0] == pytest.approx(fit.place_variance[0] / 0.36, rel=1e-3)
-
-
 def test_widths_stay_in_their_bounds_and_a_wild_profile_does_not_converge():
-    wild = np.random.default_rng(1).standard_normal((50, len(SAMPLES)))
-    fit = located(Model.EDGE, wild)
+    fit = located(Model.EDGE, np.random.default_rng(1).standard_normal((50, len(SAMPLES))))
     assert fit.width.min() >= 0.3
     assert fit.width.max() <= 12.0
     assert not fit.converged.all()
@@ -199,57 +151,41 @@ def test_the_misfit_of_an_arc_is_that_of_its_neighbours_too_around_the_curve():
     np.testing.assert_allclose(misfit_around(left, used, variance, 5.0, 2), expected)
 
 
-def test_tangents_and_curvature_are_those_of_a_circle():
-    circle = 20.0 * CIRCLE + 3.0
-    np.testing.assert_allclose(tangents(circle), np.stack([-np.sin(ANGLE), np.cos(ANGLE)], axis=1), atol=1e-12)
-    np.testing.assert_allclose(curvatures(circle), 1.0 / 20.0, rtol=3e-3)
-    np.testing.assert_allclose(curvatures(circle[::-1]), -1.0 / 20.0, rtol=3e-3)
-
-
 X = np.linspace(-1.0, 1.0, 41)
 DESIGN = np.stack([np.ones_like(X), X], axis=1)
 
 
-def fit(values, *, floor=0.01, enough=2, rounds=3, kept=None):
-    kept = np.ones(len(X), bool) if kept is None else kept
+def fit(values, *, design=DESIGN, floor=0.01, enough=2, rounds=3, kept=None):
+    kept = np.ones(len(design), bool) if kept is None else kept
     return fit_without_outliers(
-        DESIGN, values, kept, rounds=rounds, floor=floor, enough=lambda kept: kept.sum() >= enough
+        design, values, kept, rounds=rounds, floor=floor, enough=lambda kept: kept.sum() >= enough
     )
 
 
-def test_the_spread_of_normal_errors_is_their_standard_deviation():
-    errors = 3.0 * np.random.default_rng(1).standard_normal(100_000)
-    assert robust_spread(errors) == pytest.approx(3.0, rel=0.02)
-    assert robust_spread(np.concatenate([errors, np.full(1000, 1e6)])) == pytest.approx(3.0, rel=0.04)
-
-
-def test_outliers_are_left_out_and_the_rest_is_a_line():
+def test_outliers_are_left_out_and_points_within_four_floors_stay():
     values = 2.0 - 0.5 * X
     values[[3, 30]] += [5.0, -1.0]
-    found = fit(values)
-    assert found.coefficients == pytest.approx([2.0, -0.5])
-    np.testing.assert_array_equal(np.flatnonzero(~found.kept), [3, 30])
-    assert found.variance == pytest.approx(0.0, abs=1e-20)
-    assert found.spread == 0.01
-    assert found.design.shape == (39, 2)
-
-
-def test_points_within_four_floors_stay():
-    values = 2.0 - 0.5 * X
-    values[20] += 0.035
-    assert fit(values).kept.all()
-    values[20] += 0.015
-    assert not fit(values).kept[20]
+    line = fit(values)
+    assert line.coefficients == pytest.approx([2.0, -0.5])
+    np.testing.assert_array_equal(np.flatnonzero(~line.kept), [3, 30])
+    assert line.variance == pytest.approx(0.0, abs=1e-20)
+    assert line.spread == 0.01
+    assert line.design.shape == (39, 2)
+    for off, stays in ((0.035, True), (0.05, False)):
+        assert fit(2.0 - 0.5 * X + off * (np.arange(41) == 20)).kept[20] == stays
 
 
 def test_variance_and_cofactor_are_those_of_ordinary_least_squares():
-    """Unbiased over many lines with noise; the error of a mean of n points is one over n."""
+    """Unbiased over many lines with noise; of the line through (0, 0), (1, 1) and (2, 0), 1/3, two thirds are left."""
     rng = np.random.default_rng(2)
-    found = [fit(1.0 + 0.1 * rng.standard_normal(len(X)), floor=1.0) for _ in range(400)]
-    assert np.mean([one.variance for one in found]) == pytest.approx(0.01, rel=0.05)
-    scatter = np.cov([one.coefficients for one in found], rowvar=False)
-    np.testing.assert_allclose(0.01 * found[0].cofactor, scatter, atol=0.15 * scatter.max())
-    assert found[0].cofactor[0, 0] == pytest.approx(1.0 / 41.0)
+    lines = [fit(1.0 + 0.1 * rng.standard_normal(len(X)), floor=1.0) for _ in range(400)]
+    assert np.mean([line.variance for line in lines]) == pytest.approx(0.01, rel=0.05)
+    scatter = np.cov([line.coefficients for line in lines], rowvar=False)
+    np.testing.assert_allclose(0.01 * lines[0].cofactor, scatter, atol=0.15 * scatter.max())
+    assert lines[0].cofactor[0, 0] == pytest.approx(1.0 / 41.0)
+    three = fit(np.array([0.0, 1.0, 0.0]), design=np.vander(np.arange(3.0), 2, increasing=True), floor=1.0, rounds=1)
+    assert three.coefficients == pytest.approx([1.0 / 3.0, 0.0])
+    assert three.variance == pytest.approx(2.0 / 3.0)
 
 
 def test_without_enough_points_there_is_no_line():
@@ -259,29 +195,14 @@ def test_without_enough_points_there_is_no_line():
     assert fit(np.zeros(len(X)), kept=few, enough=few.sum() + 1) is None
 
 
-def test_three_points_leave_a_line_one_degree_of_freedom():
-    """The line through (0, 0), (1, 1) and (2, 0) is 1/3: the squares of what is left sum to 2/3."""
-    design = np.stack([np.ones(3), np.arange(3.0)], axis=1)
-    fit = fit_without_outliers(
-        design, np.array([0.0, 1.0, 0.0]), np.ones(3, bool), rounds=1, floor=1.0, enough=lambda kept: True
-    )
-    assert fit.coefficients == pytest.approx([1.0 / 3.0, 0.0])
-    assert fit.variance == pytest.approx(2.0 / 3.0)
-
-
-def test_fits_median_and_quantiles_are_those_of_numpy():
-    values = np.random.default_rng(5).standard_normal(41)
-    kept = np.abs(values) < 1.5
-    made = fit(values, kept=kept, rounds=1)
-    expected, *_ = np.linalg.lstsq(DESIGN[kept], values[kept], rcond=None)
-    np.testing.assert_allclose(made.coefficients, expected, rtol=1e-10)
+def test_spread_median_and_quantiles_are_those_of_numpy_and_few_values_as_wide_as_students_interval():
+    errors = 3.0 * np.random.default_rng(1).standard_normal(100_000)
+    assert robust_spread(errors) == pytest.approx(3.0, rel=0.02)
+    assert robust_spread(np.concatenate([errors, np.full(1000, 1e6)])) == pytest.approx(3.0, rel=0.04)
     for count in (1, 2, 40, 41):
-        assert median(values[:count]) == pytest.approx(np.median(values[:count]), abs=1e-14)
+        assert median(errors[:count]) == pytest.approx(np.median(errors[:count]), abs=1e-14)
         for share in (0.0, 0.1, 0.75, 1.0):
-            assert quantile(values[:count], share) == pytest.approx(np.quantile(values[:count], share), abs=1e-14)
-
-
-def test_errors_from_few_values_are_as_wide_as_students_interval():
+            assert quantile(errors[:count], share) == pytest.approx(np.quantile(errors[:count], share), abs=1e-14)
     factors = [wider_by_few(free) for free in (0, 1, 4, 10, 10_000)]
     np.testing.assert_allclose(1.96 * np.array(factors), [12.706, 12.706, 2.776, 2.228, 1.960], rtol=1e-3)
 
@@ -298,24 +219,19 @@ def circle(start=0.0):
 @pytest.mark.parametrize("half", [5.0, 20.0])
 def test_the_bridge_of_a_circle_lies_on_the_circle(start, half):
     curve = circle(start)
-    erased = within(curve, np.array([[RADIUS - 15.0, -half, RADIUS + 15.0, half]]))
-    points, bridge = bridged(curve, erased)
+    points, bridge = bridged(curve, within(curve, np.array([[RADIUS - 15.0, -half, RADIUS + 15.0, half]])))
     np.testing.assert_allclose(np.hypot(*points.T), RADIUS, atol=0.02 if half < 10.0 else 0.2)
     assert np.abs(points[bridge, 1]).max() < half + 1.3
     apart = np.abs(points[~bridge, None] - curve).sum(axis=2).min(axis=1)
     assert np.all(apart == 0.0)
-    assert len(apart) == np.count_nonzero(~erased)
     assert np.hypot(*np.diff(points, axis=0, append=points[:1]).T).max() < 1.6
 
 
-def test_two_stretches_are_bridged_each():
+def test_two_stretches_are_bridged_each_none_stays_and_of_little_nothing_is_left():
     boxes = np.array([[30.0, -10.0, 50.0, 10.0], [-50.0, -10.0, -30.0, 10.0]])
     points, bridge = bridged(circle(), within(circle(), boxes))
     assert np.count_nonzero(bridge & ~np.roll(bridge, 1)) == 2
     np.testing.assert_allclose(np.hypot(*points.T), RADIUS, atol=0.1)
-
-
-def test_a_curve_of_which_nothing_is_erased_stays_and_one_of_which_little_is_left_is_none():
     points, bridge = bridged(circle(), np.zeros(COUNT, dtype=bool))
     np.testing.assert_array_equal(points, circle())
     assert not bridge.any()
@@ -323,9 +239,7 @@ def test_a_curve_of_which_nothing_is_erased_stays_and_one_of_which_little_is_lef
 
 
 def test_the_error_of_a_bridge_grows_with_its_height_and_is_zero_elsewhere():
-    short, long = (np.abs(circle()[:, 1]) < half for half in (6.0, 20.0))
-    short &= circle()[:, 0] > 0.0
-    long &= circle()[:, 0] > 0.0
+    short, long = ((np.abs(circle()[:, 1]) < half) & (circle()[:, 0] > 0.0) for half in (6.0, 20.0))
     few, many = (bridge_errors(circle(), erased) for erased in (short, long))
     assert np.all(few[~short] == 0.0)
     height = RADIUS - np.sqrt(RADIUS**2 - 20.0**2)

@@ -15,7 +15,7 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.image.files import Picture
 from capsbayes.image.film import measure_film
-from capsbayes.image.measure import EdgeErrors, detect, measure, measurement_of_lengths, silhouette_of
+from capsbayes.image.measure import EdgeErrors, detect, measure, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline import aligned_with
 from capsbayes.quantity import Quantity
@@ -25,6 +25,7 @@ EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85
 VELOCITY = Quantity(6e-3, 6e-5, "m/s")
 BLURRED = Optics(blur=2.0, halo=0.05, electrons=5000)
 UNEVEN = Optics(blur=1.0, motion=1.5, halo=0.08, vignetting=0.25, unevenness=0.1, electrons=5000)
+PARACHUTE = drawn(0.08, 1.05, half_width=55.0)
 
 
 def seen(made, *, flow=None, background=True):
@@ -32,30 +33,35 @@ def seen(made, *, flow=None, background=True):
     return detect(Picture.from_array(made.picture), background=empty, flow=flow)
 
 
+def measured(picture, background=None, *, experiment=EXPERIMENT, **how):
+    return measure(picture, experiment, capsule_velocity=VELOCITY, background=background, **how)
+
+
 @pytest.mark.parametrize(("optics", "tolerance"), [(Optics(), 0.2), (UNEVEN, 0.35), (BLURRED, 0.6)])
 @pytest.mark.parametrize("background", [True, False])
 @pytest.mark.parametrize("scene", [{}, {"tilt": 0.03, "flow": -1, "centre": (102.3, 97.1)}])
 def test_lengths_of_a_parachute(optics, tolerance, background, scene):
     made = drawn(0.08, 1.05, optics=optics, half_width=55.0, **scene)
-    found = seen(made, background=background)
-    assert found.status is Status.DONE
-    assert found.flow == made.scene.flow
+    detection = seen(made, background=background)
+    assert detection.status is Status.DONE
+    assert detection.flow == made.scene.flow
     truth = [made.axial_extent, made.axial_length, made.axial_extent - made.axial_length, made.half_width]
-    np.testing.assert_allclose(found.lengths, truth, atol=tolerance)
-    errors = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(detection.lengths, truth, atol=tolerance)
+    errors = np.sqrt(np.diag(detection.covariance))
     assert np.all((errors > 0.01) & (errors < tolerance))
-    assert np.all(np.linalg.eigvalsh(found.covariance) > -1e-12)
+    assert np.all(np.linalg.eigvalsh(detection.covariance) > -1e-12)
 
 
-def test_the_outline_lies_on_the_truth_not_half_a_pixel_inside():
-    disc = circle(0.8)
-    made = draw(Scene(disc, disc, half_width=HALF_WIDTH), Optics(), seed=2)
-    found = seen(made)
-    radius = np.hypot(*(found.outline.points - made.scene.middle).T)
+def test_the_outline_of_a_disc_lies_on_the_truth_and_does_not_tell_the_flow():
+    made = draw(Scene(circle(0.8), circle(0.8), half_width=HALF_WIDTH), Optics(), seed=2)
+    detection = seen(made)
+    radius = np.hypot(*(detection.outline.points - made.scene.middle).T)
     assert radius.mean() == pytest.approx(0.8 * HALF_WIDTH, abs=0.05)
     assert radius.std() < 0.15
-    assert found.flow == 0
-    assert found.rear is None
+    assert detection.flow == 0
+    assert detection.rear is None
+    assert silhouette_of(detection) is None
+    assert silhouette_of(seen(made, flow="right")) is not None
 
 
 @pytest.mark.parametrize("blur", [0.8, 1.4, 2.0])
@@ -67,70 +73,54 @@ def test_edge_widths_witness_the_blur(blur):
 
 def test_a_convex_rear_gives_a_bound_not_a_length():
     made = drawn(0.03, 0.75)
-    measured = measure(made.picture, EXPERIMENT, capsule_velocity=VELOCITY, background=made.background)
-    assert measured.status is Status.DONE
-    assert measured.axial_length is None
-    assert made.axial_length / HALF_WIDTH < measured.axial_length_bound < 1.02 * measured.axial_extent
-    assert measured.covariance.shape == (1, 1)
+    convex = measured(made.picture, made.background)
+    assert convex.status is Status.DONE
+    assert convex.axial_length is None
+    assert made.axial_length / HALF_WIDTH < convex.axial_length_bound < 1.02 * convex.axial_extent
+    assert convex.covariance.shape == (1, 1)
 
 
-def test_a_measurement_is_over_l_with_the_errors_of_both(tmp_path):
-    made = drawn(0.08, 1.05, half_width=55.0)
+def test_a_measurement_and_a_table_are_over_l_with_the_errors_of_both(tmp_path):
     for name in ("picture", "background"):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), getattr(made, name))
-    measured = measure(
-        tmp_path / "picture.png", EXPERIMENT, capsule_velocity=VELOCITY, background=tmp_path / "background.png"
-    )
-    detection = seen(made)
-    assert measured.over_half_width
-    np.testing.assert_allclose(measured.lengths, detection.lengths[:2] / detection.lengths[3])
-    share = np.sqrt(np.diag(measured.covariance)) / measured.lengths
-    of_walls = np.sqrt(detection.covariance[3, 3]) / detection.lengths[3]
-    np.testing.assert_allclose(
-        share, np.hypot(np.sqrt(np.diag(detection.covariance))[:2] / detection.lengths[:2], of_walls)
-    )
-    assert 0.0 < measured.length_correlation < 1.0
-    assert measured.source.endswith("picture.png")
-    assert len(measured.sha256) == 64
+        cv2.imwrite(str(tmp_path / f"{name}.png"), getattr(PARACHUTE, name))
+    read = measured(tmp_path / "picture.png", tmp_path / "background.png")
+    detection = seen(PARACHUTE)
+    extent, length, _, half_width = detection.lengths
+    assert read.over_half_width
+    np.testing.assert_allclose(read.lengths, [extent / half_width, length / half_width])
+    share = np.sqrt(np.diag(detection.covariance)) / detection.lengths
+    np.testing.assert_allclose(np.sqrt(np.diag(read.covariance)) / read.lengths, np.hypot(share[:2], share[3]))
+    assert 0.0 < read.length_correlation < 1.0
+    assert read.source.endswith("picture.png")
+    assert len(read.sha256) == 64
+    table, integrals = detection.table(), detection.integrals
+    assert list(table.index) == ["L_z", "L_a", "L_p", "l", "perimeter", "area", "volume", "Lambda"]
+    np.testing.assert_allclose(table["value_px"].iloc[:4], detection.lengths)
+    assert table.loc["area", "value_over_l"] == pytest.approx(integrals.area.value / half_width**2)
+    assert table.loc["l", ["value_over_l", "error_over_l"]].tolist() == [1.0, 0.0]
+    assert table.loc["Lambda", "error_over_l"] == pytest.approx(integrals.stretch_ratio.error)
 
 
-def spoilt(kind):
-    made = drawn(0.1, 0.9, half_width=50.0, shape=(200, 300), centre=(90.0, 99.5))
-    picture, background = made.picture.copy(), made.background.copy()
-    match kind:
-        case "nothing":
-            picture = made.background
-        case "walls":
-            picture[:] = background[:] = 150
-        case "border":
-            picture, background = picture[:, 60:], background[:, 60:]
-        case "two":
-            second = drawn(0.1, 0.9, half_width=50.0, shape=(200, 300), centre=(220.0, 99.5))
-            picture[:, 155:] = second.picture[:, 155:]
-        case "saturated":
-            picture = np.clip(picture.astype(int) * 3, 0, 255).astype(np.uint8)
-        case "size":
-            background = background[:, :-1]
-    return picture, background
+ALONE, SECOND = (drawn(0.1, 0.9, half_width=50.0, shape=(200, 300), centre=(x, 99.5)) for x in (90.0, 220.0))
+FLAT = np.full_like(ALONE.picture, 150)
 
 
 @pytest.mark.parametrize(
-    ("kind", "status"),
+    ("picture", "background", "status"),
     [
-        ("nothing", Status.NO_CAPSULE),
-        ("walls", Status.NO_WALLS),
-        ("border", Status.TOUCHES_BORDER),
-        ("two", Status.SEVERAL_CAPSULES),
-        ("saturated", Status.SATURATED),
-        ("size", Status.BACKGROUND_DIFFERS),
+        (ALONE.background, ALONE.background, Status.NO_CAPSULE),
+        (FLAT, FLAT, Status.NO_WALLS),
+        (ALONE.picture[:, 60:], ALONE.background[:, 60:], Status.TOUCHES_BORDER),
+        (np.hstack([ALONE.picture[:, :155], SECOND.picture[:, 155:]]), ALONE.background, Status.SEVERAL_CAPSULES),
+        (np.clip(3 * ALONE.picture.astype(int), 0, 255).astype(np.uint8), ALONE.background, Status.SATURATED),
+        (ALONE.picture, ALONE.background[:, :-1], Status.BACKGROUND_DIFFERS),
     ],
 )
-def test_what_cannot_be_measured_ends_with_a_named_status(kind, status):
-    picture, background = spoilt(kind)
-    measured = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, background=background)
-    assert measured.status is status
-    assert np.isnan(measured.axial_extent)
-    assert np.all(np.isnan(measured.lengths))
+def test_what_cannot_be_measured_ends_with_a_named_status(picture, background, status):
+    refused = measured(picture, background)
+    assert refused.status is status
+    assert np.isnan(refused.axial_extent)
+    assert np.all(np.isnan(refused.lengths))
 
 
 def test_a_wrong_flow_is_refused():
@@ -145,48 +135,24 @@ def test_a_wrong_flow_is_refused():
 def test_a_stated_exposure_in_which_the_capsule_moves_far_is_refused(exposure, status):
     """At 6 mm/s and 25 um to 60 px it moves by 1.4 px in 0.1 ms, by 14 px in 1 ms."""
     made = drawn(0.05, 0.8)
-    known = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, exposure=exposure)
-    found = measure(made.picture, known, capsule_velocity=VELOCITY, background=made.background)
-    assert found.status is status
-    assert (found.outline is None) == (status is Status.SMEARED)
+    exposed = measured(made.picture, made.background, experiment=replace(EXPERIMENT, exposure=exposure))
+    assert exposed.status is status
+    assert (exposed.outline is None) == (status is Status.SMEARED)
 
 
-def test_errors_grow_with_the_noise():
-    quiet, noisy = (
-        np.sqrt(seen(drawn(0.08, 1.05, half_width=55.0, optics=Optics(electrons=count))).covariance[0, 0])
-        for count in (50_000, 1500)
-    )
-    assert noisy > 1.5 * quiet
-
-
-def test_the_table_holds_lengths_and_integrals_over_l():
-    made = drawn(0.05, 0.8)
-    found = seen(made)
-    table = found.table()
-    assert list(table.index) == ["L_z", "L_a", "L_p", "l", "perimeter", "area", "volume", "Lambda"]
-    np.testing.assert_allclose(table["value_px"].iloc[:4], found.lengths)
-    assert table.loc["area", "value_over_l"] == pytest.approx(found.integrals.area.value / found.lengths[3] ** 2)
-    assert table.loc["l", ["value_over_l", "error_over_l"]].tolist() == [1.0, 0.0]
-    assert table.loc["Lambda", "error_over_l"] == pytest.approx(found.integrals.stretch_ratio.error)
-
-
-SHAPES = [(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]
-
-
-def found(made, **options):
-    return silhouette_of(seen(made, **options))
+def silhouette(made):
+    return silhouette_of(seen(made))
 
 
 @pytest.mark.parametrize("blur", [0.7, 2.0])
 def test_residuals_are_as_stated(blur):
     """Normal distances from the true silhouette, whitened: of variance one."""
     squares = []
-    for seed, shape in enumerate(SHAPES):
+    for seed, shape in enumerate([(0.03, 0.8), (0.05, 0.93), (0.08, 1.05), (0.1, 0.75)]):
         made = drawn(*shape, optics=Optics(blur=blur, electrons=5000), seed=seed)
-        seen = found(made)
-        points, feet = aligned_with(seen.points, np.asarray(made.scene.silhouette))
-        covariance = seen.noise.covariance(points) + seen.pose.offset**2
-        factor = scipy.linalg.cholesky(covariance, lower=True)
+        outline = silhouette(made)
+        points, feet = aligned_with(outline.points, np.asarray(made.scene.silhouette))
+        factor = scipy.linalg.cholesky(outline.noise.covariance(points) + outline.pose.offset**2, lower=True)
         squares.append(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
     assert 0.6 < np.mean(squares) < 1.3
     assert max(squares) < 1.8
@@ -195,42 +161,39 @@ def test_residuals_are_as_stated(blur):
 def test_edges_next_to_a_wall_are_left_out():
     """A capsule that leaves 3 px to either wall, blurred by 2 px: its flanks would lie 0.3 px too far out."""
     made = drawn(0.005, 1.125, optics=Optics(blur=2.0, electrons=5000))
-    detection = seen(made)
-    clearance = detection.walls.clearance(detection.outline.points)
+    detection, truth = seen(made), np.asarray(made.scene.silhouette)
+    walls, clearance = detection.walls, detection.walls.clearance(detection.outline.points)
     assert clearance.min() < 4.0
     outline = silhouette_of(detection)
-    whole = np.abs(np.asarray(made.scene.silhouette)[:, 1]).max()
-    assert np.abs(outline.points[:, 1] - np.median(outline.points[:, 1])).max() < whole - 0.01
-    truth = np.asarray(made.scene.silhouette)
-    _, kept = aligned_with(outline.points, truth)
-    every = (detection.outline.points - detection.axis) @ np.stack([detection.walls.along, detection.walls.across], 1)
-    _, found_at_all = aligned_with(every / HALF_WIDTH, truth)
-    flank = clearance < 2.0 * detection.walls.line_width
-    assert found_at_all.distance[flank].mean() * HALF_WIDTH > 0.2
-    assert np.abs(kept.distance).max() < 3.0 * np.hypot(outline.noise.scale, outline.pose.offset)
+    y = outline.points[:, 1]
+    assert np.abs(y - np.median(y)).max() < np.abs(truth[:, 1]).max() - 0.01
+    every = (detection.outline.points - detection.axis) @ np.stack([walls.along, walls.across], 1)
+    kept, located = (aligned_with(points, truth)[1].distance for points in (outline.points, every / HALF_WIDTH))
+    assert located[clearance < 2.0 * walls.line_width].mean() * HALF_WIDTH > 0.2
+    assert np.abs(kept).max() < 3.0 * np.hypot(outline.noise.scale, outline.pose.offset)
 
 
 def test_a_capsule_that_moves_to_the_left_looks_the_same():
-    right, left = (found(drawn(0.08, 1.05, flow=flow)) for flow in (1, -1))
+    right, left = (silhouette(drawn(0.08, 1.05, flow=flow)) for flow in (1, -1))
     assert right.view == "silhouette"
-    # the blunt rear is behind: the centroid is nearer to it
-    for seen in (right, left):
-        z = seen.points[:, 0]
+    for outline in (right, left):  # the blunt rear is behind: the centroid is nearer to it
+        z = outline.points[:, 0]
         assert z.mean() < 0.5 * (z.max() + z.min())
-    for axis in (0, 1):
-        assert np.ptp(left.points[:, axis]) == pytest.approx(np.ptp(right.points[:, axis]), abs=0.005)
+    np.testing.assert_allclose(np.ptp(left.points, axis=0), np.ptp(right.points, axis=0), atol=0.005)
 
 
-def test_blurred_edges_are_less_sure():
-    sharp, blurred = (found(drawn(0.08, 1.05, optics=Optics(blur=blur))) for blur in (0.6, 2.0))
+def test_blurred_and_noisy_edges_are_less_sure():
+    sharp, blurred = (silhouette(drawn(0.08, 1.05, optics=Optics(blur=blur))) for blur in (0.6, 2.0))
     assert blurred.noise.scale > 1.2 * sharp.noise.scale
     assert blurred.noise.white < sharp.noise.white
     assert blurred.pose.offset > sharp.pose.offset
+    optics = (Optics(electrons=electrons) for electrons in (50_000, 1500))
+    quiet, noisy = (seen(drawn(0.08, 1.05, half_width=55.0, optics=each)).covariance[0, 0] for each in optics)
+    assert np.sqrt(noisy) > 1.5 * np.sqrt(quiet)
 
 
 def test_a_rear_whose_edge_is_a_band_has_an_error_of_its_own():
-    made = drawn(0.08, 1.05)
-    sharp = seen(made)
+    sharp = seen(drawn(0.08, 1.05))
     outline = sharp.outline
     rear = sharp.flow * (outline.normals @ sharp.walls.along) < -0.7
     width = np.where(rear, np.hypot(outline.edge_width, 2.0), outline.edge_width)
@@ -239,13 +202,6 @@ def test_a_rear_whose_edge_is_a_band_has_an_error_of_its_own():
     assert EdgeErrors.of(band).rear == pytest.approx(2.0, rel=0.1)
     assert silhouette_of(band).pose.rear == pytest.approx(2.0 / sharp.walls.half_width, rel=0.1)
     assert EdgeErrors.of(replace(band, flow=0)).rear == 0.0
-
-
-def test_without_a_direction_there_is_none():
-    disc = circle(0.8)
-    made = draw(Scene(disc, disc, half_width=HALF_WIDTH), Optics(), seed=2)
-    assert found(made) is None
-    assert found(made, flow="right") is not None
 
 
 FAULTS = {"pixel_aspect": 1.03, "distortion": -0.006, "taper": 0.01}
@@ -283,32 +239,31 @@ def walls_seen(name, size, columns):
 def test_a_stated_fault_is_taken_out(name, flow):
     size = FAULTS[name]
     made = drawn(0.08, 1.0, flow=flow, shape=(200, 320), centre=(180.0, 99.5), optics=Optics(electrons=20_000))
-    picture, empty = (photographed(it, name, size) for it in (made.picture, made.background))
-    camera = Camera(**{name: f"{size!r} +/- 0.002"})
-    options = {"capsule_velocity": VELOCITY, "background": empty, "by_hand": walls_seen(name, size, 320)}
-    faulty = measure(picture, EXPERIMENT, **options)
-    found = measure(picture, replace(EXPERIMENT, camera=camera), **options)
+    pictures = [photographed(picture, name, size) for picture in (made.picture, made.background)]
+    cameras = None, Camera(**{name: f"{size!r} +/- 0.002"})
+    faulty, straight = (
+        measured(*pictures, experiment=replace(EXPERIMENT, camera=camera), by_hand=walls_seen(name, size, 320))
+        for camera in cameras
+    )
     truth = np.array([made.axial_extent, made.axial_length]) / HALF_WIDTH
-    np.testing.assert_allclose(found.lengths, truth, atol=0.006)
-    shape = np.asarray(made.scene.silhouette)
-    assert np.abs(aligned_with(found.outline.points, shape)[1].distance).max() < 0.012
-    before, after = (aligned_with(it.outline.points, shape)[1].distance.std() for it in (faulty, found))
-    assert after < 0.6 * before
-    assert getattr(found.outline.pose, name) == pytest.approx(0.002)
-    assert found.outline.pose.middle == pytest.approx(flow * (180.0 - 159.5) / HALF_WIDTH, abs=0.05)
-    assert np.all(np.diag(found.covariance) >= np.diag(faulty.covariance) * 0.9)
+    np.testing.assert_allclose(straight.lengths, truth, atol=0.006)
+    shape, pose = np.asarray(made.scene.silhouette), straight.outline.pose
+    before, after = (aligned_with(each.outline.points, shape)[1].distance for each in (faulty, straight))
+    assert np.abs(after).max() < 0.012
+    assert after.std() < 0.6 * before.std()
+    assert getattr(pose, name) == pytest.approx(0.002)
+    assert pose.middle == pytest.approx(flow * (180.0 - 159.5) / HALF_WIDTH, abs=0.05)
+    assert np.all(np.diag(straight.covariance) >= np.diag(faulty.covariance) * 0.9)
 
 
 def test_an_uncertain_camera_makes_lengths_uncertain():
-    made = drawn(0.08, 1.0)
-    camera = Camera(pixel_aspect="1.00 +/- 0.01")
-    plain, found = (
-        measure(made.picture, replace(EXPERIMENT, camera=it), capsule_velocity=VELOCITY, background=made.background)
-        for it in (None, camera)
+    made, camera = drawn(0.08, 1.0), Camera(pixel_aspect="1.00 +/- 0.01")
+    plain, uncertain = (
+        measured(made.picture, made.background, experiment=replace(EXPERIMENT, camera=each)) for each in (None, camera)
     )
-    np.testing.assert_allclose(found.lengths, plain.lengths, rtol=1e-12)
+    np.testing.assert_allclose(uncertain.lengths, plain.lengths, rtol=1e-12)
     added = 0.01 * plain.lengths
-    np.testing.assert_allclose(found.covariance - plain.covariance, np.outer(added, added), rtol=0.05)
+    np.testing.assert_allclose(uncertain.covariance - plain.covariance, np.outer(added, added), rtol=0.05)
 
 
 def test_a_contour_has_square_pixels_if_their_aspect_is_stated(tmp_path):
@@ -317,22 +272,14 @@ def test_a_contour_has_square_pixels_if_their_aspect_is_stated(tmp_path):
     np.savetxt(path, 50.0 * profile * [1.03, 1.0] + 200.0, delimiter=",", header="x_px,y_px", comments="")
     options = {"capsule_velocity": VELOCITY, "flow": "right", "pixel_size": Quantity(0.5e-6, 2e-9, "m")}
     stated = replace(EXPERIMENT, camera=Camera(pixel_aspect="1.03 +/- 0.004"))
-    found = measure_contour(ContourFile.read(path), stated, **options)
-    faulty = measure_contour(ContourFile.read(path), EXPERIMENT, **options)
-    assert found.axial_extent == pytest.approx(np.ptp(profile[:, 0]), rel=1e-4)
-    assert faulty.axial_extent == pytest.approx(1.03 * found.axial_extent)
-    assert found.outline.pose.pixel_aspect == pytest.approx(0.004)
-    assert found.axial_extent_error > np.hypot(0.9 * faulty.axial_extent_error / 1.03, 0.003 * found.axial_extent)
+    square, faulty = (measure_contour(ContourFile.read(path), known, **options) for known in (stated, EXPERIMENT))
+    assert square.axial_extent == pytest.approx(np.ptp(profile[:, 0]), rel=1e-4)
+    assert faulty.axial_extent == pytest.approx(1.03 * square.axial_extent)
+    assert square.outline.pose.pixel_aspect == pytest.approx(0.004)
+    assert square.axial_extent_error > np.hypot(0.9 * faulty.axial_extent_error / 1.03, 0.003 * square.axial_extent)
     bent = replace(EXPERIMENT, camera=Camera(distortion=-0.01))
     with pytest.raises(InputError, match="camera: expected pixel_aspect alone for a contour"):
         measure_contour(ContourFile.read(path), bent, **options)
-
-
-def test_lengths_without_their_picture_refuse_a_camera():
-    stated = replace(EXPERIMENT, camera=Camera(pixel_aspect=1.02))
-    lengths = np.array([100.0, 90.0, 10.0, 60.0])
-    with pytest.raises(InputError, match="camera: expected none for a film"):
-        measurement_of_lengths(lengths, np.eye(4), VELOCITY, stated)
 
 
 MADE = drawn(0.03, 0.8, seed=4, shape=(160, 260), optics=Optics(electrons=8000))
@@ -340,26 +287,26 @@ SEEN, EMPTY = MADE.picture.astype(float), MADE.background.astype(float)
 ROWS, COLUMNS = SEEN.shape
 Y, X = np.mgrid[:ROWS, :COLUMNS].astype(float)
 AROUND = ((X - 129.5) / 130.0) ** 2 + ((Y - 79.5) / 80.0) ** 2
+with_and_without_background = pytest.mark.parametrize("background", [MADE.background, None], ids=["given", "guessed"])
 
 
 def counts(grey):
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
-def turned(grey, degrees):
-    turn = cv2.getRotationMatrix2D((129.5, 79.5), degrees, 1.0)
-    return cv2.warpAffine(grey, turn, (COLUMNS, ROWS), borderMode=cv2.BORDER_REPLICATE)
-
-
-def measured(picture, background=None, **how):
-    return measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, background=background, **how)
+def moved(grey, rows):
+    return shift(grey, (rows, 0), order=1, mode="nearest")
 
 
 def check(picture, background=None):
     """The lengths over l hold the truth within three standard errors."""
-    found = measured(picture, background)
-    assert found.status is Status.DONE
-    assert abs(found.axial_extent - MADE.axial_extent / MADE.half_width) < 3.0 * found.axial_extent_error
+    right = measured(picture, background)
+    assert right.status is Status.DONE
+    assert abs(right.axial_extent - MADE.axial_extent / MADE.half_width) < 3.0 * right.axial_extent_error
+
+
+TURN = cv2.getRotationMatrix2D((129.5, 79.5), 1.0, 1.0)
+TURNED = cv2.warpAffine(EMPTY, TURN, (COLUMNS, ROWS), borderMode=cv2.BORDER_REPLICATE)
 
 
 @pytest.mark.parametrize(
@@ -369,9 +316,9 @@ def check(picture, background=None):
         (0.5 * SEEN, EMPTY, "brighter: its median is 2 of the picture's"),
         (np.rint(16 * SEEN).astype(np.uint16), MADE.background, r"darker: .* \(8 bits, and the picture 12\)"),
         (MADE.picture, np.rint(16 * EMPTY).astype(np.uint16), r"brighter: .* \(12 bits, and the picture 8\)"),
-        (SEEN, shift(EMPTY, (3, 0), order=1, mode="nearest"), r"lies 3\.0 px lower than it"),
-        (SEEN, shift(EMPTY, (-5, 0), order=1, mode="nearest"), r"lies 5\.0 px higher than it"),
-        (SEEN, turned(EMPTY, 1.0), r"is turned by 1\.0 degrees"),
+        (SEEN, moved(EMPTY, 3), r"lies 3\.0 px lower than it"),
+        (SEEN, moved(EMPTY, -5), r"lies 5\.0 px higher than it"),
+        (SEEN, TURNED, r"is turned by 1\.0 degrees"),
         (SEEN, np.roll(SEEN, 20, axis=1), "the empty channel, got one with something dark at column 1"),
         (SEEN, SEEN, "the empty channel, got one with something dark at column 12"),
     ],
@@ -381,37 +328,34 @@ def test_a_background_that_does_not_fit_is_named(picture, background, message):
         measured(picture, background)
 
 
-@pytest.mark.parametrize(
-    "background",
-    [0.85 * EMPTY, 1.15 * EMPTY, shift(EMPTY, (1, 0), order=1, mode="nearest"), EMPTY[:, ::-1], EMPTY[::-1]],
-)
+@pytest.mark.parametrize("background", [0.85 * EMPTY, 1.15 * EMPTY, moved(EMPTY, 1), EMPTY[:, ::-1], EMPTY[::-1]])
 def test_a_background_that_is_hardly_off_does_no_harm(background):
     check(MADE.picture, counts(background))
 
 
-def test_levels_below_zero_are_named_and_black_is_not_called_bright():
-    with pytest.raises(InputError, match=r"got \d+% of them below zero, as after a subtraction; give the"):
-        measured((SEEN - 150.0).astype(np.int16))
+def test_what_is_no_picture_of_grey_levels_is_named():
+    levels = r"expected grey levels of a camera, got (two|4) levels, as behind a thresh"
+    for picture, message in (
+        (SEEN > 120.0, levels),
+        (255 * (SEEN > 120.0).astype(np.uint8), levels),
+        (64 * (MADE.picture // 64), levels),
+        *(
+            (SEEN.astype(kind), "expected real numbers as grey levels, got values of")
+            for kind in (complex, str, object)
+        ),
+        ((SEEN - 150.0).astype(np.int16), r"got \d+% of them below zero, as after a subtraction; give the"),
+    ):
+        with pytest.raises(InputError, match=message):
+            measured(picture)
     check((SEEN - 30.0).astype(np.int16))
     assert measured(counts(SEEN - 130.0), by_hand=ByHand(walls=(19.5, 139.5), contrast="dark")).status is Status.BLACK
 
 
-def test_what_is_no_picture_of_grey_levels_is_named():
-    for mask in (SEEN > 120.0, 255 * (SEEN > 120.0).astype(np.uint8), 64 * (MADE.picture // 64)):
-        with pytest.raises(
-            InputError, match=r"expected grey levels of a camera, got (two|4) levels, as behind a thresh"
-        ):
-            measured(mask)
-    for kind in (complex, str, object):
-        with pytest.raises(InputError, match="expected real numbers as grey levels, got values of another kind"):
-            measured(SEEN.astype(kind))
-
-
 @pytest.mark.parametrize("loss", [0.3, 0.5, 0.6])
-@pytest.mark.parametrize("with_background", [False, True])
-def test_vignetting_is_measured_right(loss, with_background):
+@with_and_without_background
+def test_vignetting_is_measured_right(loss, background):
     light = 1.0 - 0.5 * loss * AROUND
-    check(counts(SEEN * light), counts(EMPTY * light) if with_background else None)
+    check(counts(SEEN * light), None if background is None else counts(EMPTY * light))
     check(counts(SEEN * (1.0 - loss * X / COLUMNS)))
 
 
@@ -426,14 +370,14 @@ def test_a_shadow_on_a_wall_is_measured_right_or_named(deep, wide):
 
 
 @pytest.mark.parametrize("level", [0, 40, 255])
-@pytest.mark.parametrize("with_background", [False, True])
-def test_a_dead_row_or_column_is_filled_or_named(level, with_background):
+@with_and_without_background
+def test_a_dead_row_or_column_is_filled_or_named(level, background):
     for place in (np.s_[5], np.s_[27], np.s_[79], np.s_[:, 8], np.s_[:, 129]):
-        picture, background = MADE.picture.copy(), MADE.background.copy()
-        picture[place] = background[place] = level
-        check(picture, background if with_background else None)
+        picture, empty = MADE.picture.copy(), MADE.background.copy()
+        picture[place] = empty[place] = level
+        check(picture, None if background is None else empty)
     picture[:, round(MADE.outline[:, 0].max())] = level
-    assert measured(picture, MADE.background if with_background else None).status is Status.DEAD_COLUMN
+    assert measured(picture, background).status is Status.DEAD_COLUMN
 
 
 @pytest.mark.parametrize("place", [np.s_[50, :130], np.s_[79:81, 130:], np.s_[60, 100:]])
@@ -445,42 +389,36 @@ def test_half_a_dead_row_is_named(place):
     assert measured(MADE.picture[:, 100:]).status is Status.TOUCHES_BORDER
 
 
-def test_the_walls_of_two_channels_are_no_channel():
+def test_the_walls_of_two_channels_are_no_channel_and_hot_pixels_do_no_harm():
     stacked = np.vstack([MADE.picture, MADE.picture])
     assert measured(stacked).status is Status.NO_WALLS
     assert "or several channels; cut it around one" in str(Status.NO_WALLS)
     cut = measured(stacked, by_hand=ByHand(crop=(0, 0, COLUMNS, ROWS)))
     np.testing.assert_allclose(cut.lengths, measured(MADE.picture).lengths)
-
-
-def test_hot_pixels_do_no_harm():
-    picture = MADE.picture.copy()
-    random = np.random.default_rng(1)
+    picture, random = MADE.picture.copy(), np.random.default_rng(1)
     picture[random.integers(0, ROWS, 40), random.integers(0, COLUMNS, 40)] = 255
     check(picture, MADE.background)
 
 
-def test_a_channel_that_runs_up_and_down_is_named_and_turned_when_asked(tmp_path):
-    upright, empty = np.rot90(MADE.picture), np.rot90(MADE.background)  # by a quarter counterclockwise
-    for background in (None, empty):
-        assert measured(upright, background).status is Status.UPRIGHT
-        found = measured(upright, background, by_hand=ByHand(rotate="90"))
-        np.testing.assert_allclose(
-            found.lengths, measured(MADE.picture, None if background is None else MADE.background).lengths
-        )
-    placed = ByHand(rotate=90, pixel_size="0.4167 +/- 0.004 um", axis=79.5)
-    seen = detect(Picture.from_array(upright), by_hand=placed, half_width="25 +/- 0.2 um")
-    assert seen.lengths[0] == pytest.approx(MADE.axial_extent, abs=0.4)
-    unturned = ByHand(pixel_size="0.4167 +/- 0.004 um")
-    assert detect(Picture.from_array(upright), by_hand=unturned, half_width="25 um").status is Status.UPRIGHT
+@with_and_without_background
+def test_a_channel_that_runs_up_and_down_is_named_and_turned_when_asked(background):
+    upright, empty = np.rot90(MADE.picture), background if background is None else np.rot90(background)
+    assert measured(upright, empty).status is Status.UPRIGHT
+    turned = measured(upright, empty, by_hand=ByHand(rotate="90"))
+    np.testing.assert_allclose(turned.lengths, measured(MADE.picture, background).lengths)
+
+
+def test_a_turned_channel_whose_pixels_are_stated_and_a_turned_film(tmp_path):
+    upright, size = Picture.from_array(np.rot90(MADE.picture)), "0.4167 +/- 0.004 um"
+    placed = detect(upright, by_hand=ByHand(rotate=90, pixel_size=size, axis=79.5), half_width="25 +/- 0.2 um")
+    assert placed.lengths[0] == pytest.approx(MADE.axial_extent, abs=0.4)
+    assert detect(upright, by_hand=ByHand(pixel_size=size), half_width="25 um").status is Status.UPRIGHT
     with pytest.raises(InputError, match="rotate: expected 90, 180, 270 degrees clockwise, got '45'"):
         ByHand(rotate="45")
-    folder = tmp_path / "film"
-    folder.mkdir()
     for number in range(12):
         at = (60.0 + 10.0 * number, 44.5)
         frame = drawn(0.03, 0.8, half_width=30.0, seed=number, shape=(90, 240), centre=at).picture
-        cv2.imwrite(str(folder / f"{number}.png"), np.rot90(frame))
-    assert measure_film(folder, EXPERIMENT, frame_rate="400 Hz").status is Status.UPRIGHT
-    film = measure_film(folder, EXPERIMENT, frame_rate="400 Hz", by_hand=ByHand(rotate=90))
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.rot90(frame))
+    assert measure_film(tmp_path, EXPERIMENT, frame_rate="400 Hz").status is Status.UPRIGHT
+    film = measure_film(tmp_path, EXPERIMENT, frame_rate="400 Hz", by_hand=ByHand(rotate=90))
     assert film.capsules[0].status is Status.DONE

@@ -55,11 +55,10 @@ def test_a_traced_parachute_has_both_lengths(tmp_path, header, scale, flow):
 
 
 def test_the_text_file_of_imagej_needs_its_unit(tmp_path):
-    path = tmp_path / "points.txt"
-    np.savetxt(path, 20.0 * circle(1.0), delimiter="\t", fmt="%.3f")
-    assert measured(path, "um").axial_extent == pytest.approx(1.6, rel=2e-3)
+    np.savetxt(tmp_path / "points.txt", 20.0 * circle(1.0), delimiter="\t", fmt="%.3f")
+    assert measured(tmp_path / "points.txt", "um").axial_extent == pytest.approx(1.6, rel=2e-3)
     with pytest.raises(InputError, match="or the unit px or um"):
-        measured(path)
+        measured(tmp_path / "points.txt")
 
 
 def test_a_polygon_through_pixel_centres_is_not_taken_for_the_edge(tmp_path):
@@ -262,57 +261,38 @@ def test_points_of_other_programs(tmp_path, form, separator, decimal, heading):
     np.testing.assert_allclose(found.points, WHOLE, atol=0.006)
 
 
+CSV, PX, UM = "c.csv", "x_px,y_px", "x_um,y_um"
 DISC, WALLED = 20.0 * circle(1.0), 40.0 * circle(1.0) + [200.3, 80.7]
 
 
 @pytest.mark.parametrize(
     ("name", "content", "given", "message"),
     [
-        ("c.csv", "", {}, "no names of columns"),
-        ("c.csv", "length,width\n1,2\n", {}, "columns: expected x_px, y_px or x_um, y_um, got length, width"),
-        ("c.csv", "x_um,y_um\n1,2\n3,4\n", {}, "points: expected at least 16 points, got 2"),
-        ("c.csv", "x_um,y_um\n1,2\n3,\n", {}, "line 3: expected numbers for x_um and y_um, got 3, nan"),
-        ("c.csv", "x_px,y_px\n168,01,79,71\n", {}, "2 cells, got 4, separated by ','; write decimal points"),
-        ("c.csv", "x_px,y_px\n1,2\nNaN,79.71\n", {}, "line 3: expected numbers for x_px and y_px, got nan, 79.71"),
-        (
-            "c.csv",
-            "x_px,y_px\n1,2\n\n3,4\n",
-            {},
-            "line 4: expected numbers for x_px and y_px, got 3, 4, below a blank row",
-        ),
-        ("c.csv", "x_px;y_px\n1,5;2\n1.5;2\n", {}, "a comma or a point, got '1,5' in line 2 and '1.5' in line 3"),
-        ("c.csv", "x_px,y_px\n1,2\n", {"unit": "mm"}, "unit: expected px, which its columns state, got 'mm'"),
-        ("c.csv", "x_px,y_px\n1,2\n", {"unit": "um"}, "unit: expected px, which its columns state, got 'um'"),
-        ("c.csv", "x,y\n1,2\n", {}, "or the unit px or um, got none of them"),
-        ("c.csv", ("x_px,y_px", DISC), {"pixel_size": None}, "pixel size: expected one with an error"),
-        ("c.csv", ("x_um,y_um", DISC), {"edge_error": None}, "edge error: expected that of a contour in um"),
-        (
-            "c.csv",
-            ("x_px,y_px", WALLED),
-            {"walls": "60, 130.7"},
-            "one wall on either side of the contour, whose rows are",
-        ),
-        ("c.csv", ("x_px,y_px", WALLED), {"walls": "30 31, 130 131"}, "two rows: a contour does not tell the borders"),
-        ("c.csv", ("x_um,y_um", WALLED), {"walls": "30.7, 130.7"}, "a contour in pixels, as the walls are, got"),
-        ("c.csv", ("x_px,y_px", WALLED), {"walls": "30.7"}, "walls: expected the rows of two walls in px"),
-        ("c.csv", ("x_px,y_px", eight(0.0)), {}, "crosses itself"),
-        ("c.csv", ("x_px,y_px", eight(0.5)), {}, "crosses itself"),
-        ("c.csv", ("x_px,y_px", np.random.default_rng(1).permutation(WHOLE)), {}, "points that are not in order"),
-        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, WHOLE])), {}, "a second loop"),
-        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, inner(-2)])), {}, "a second loop"),
-        ("c.csv", ("x_px,y_px", np.concatenate([WHOLE, inner(2)])), {}, "crosses itself"),
-        (
-            "c.csv",
-            ("x_px,y_px", turned((0.0, 0.75, 48))),
-            {},
-            "around the capsule, once, got none between (96.38, 40.39) and (",
-        ),
-        (
-            "c.csv",
-            ("x_px,y_px", turned((0.125, 1.0, 350))),
-            {},
-            "points all around the capsule, once, got none between",
-        ),
+        (CSV, "", {}, "no names of columns"),
+        (CSV, "length,width\n1,2\n", {}, "columns: expected x_px, y_px or x_um, y_um, got length, width"),
+        (CSV, UM + "\n1,2\n3,4\n", {}, "points: expected at least 16 points, got 2"),
+        (CSV, UM + "\n1,2\n3,\n", {}, "line 3: expected numbers for x_um and y_um, got 3, nan"),
+        (CSV, PX + "\n168,01,79,71\n", {}, "2 cells, got 4, separated by ','; write decimal points"),
+        (CSV, PX + "\n1,2\nNaN,79.71\n", {}, "line 3: expected numbers for x_px and y_px, got nan, 79.71"),
+        (CSV, PX + "\n1,2\n\n3,4\n", {}, "line 4: expected numbers for x_px and y_px, got 3, 4, below a blank row"),
+        (CSV, "x_px;y_px\n1,5;2\n1.5;2\n", {}, "a comma or a point, got '1,5' in line 2 and '1.5' in line 3"),
+        (CSV, PX + "\n1,2\n", {"unit": "mm"}, "unit: expected px, which its columns state, got 'mm'"),
+        (CSV, PX + "\n1,2\n", {"unit": "um"}, "unit: expected px, which its columns state, got 'um'"),
+        (CSV, "x,y\n1,2\n", {}, "or the unit px or um, got none of them"),
+        (CSV, (PX, DISC), {"pixel_size": None}, "pixel size: expected one with an error"),
+        (CSV, (UM, DISC), {"edge_error": None}, "edge error: expected that of a contour in um"),
+        (CSV, (PX, WALLED), {"walls": "60, 130.7"}, "one wall on either side of the contour, whose rows are"),
+        (CSV, (PX, WALLED), {"walls": "30 31, 130 131"}, "two rows: a contour does not tell the borders"),
+        (CSV, (UM, WALLED), {"walls": "30.7, 130.7"}, "a contour in pixels, as the walls are, got"),
+        (CSV, (PX, WALLED), {"walls": "30.7"}, "walls: expected the rows of two walls in px"),
+        (CSV, (PX, eight(0.0)), {}, "crosses itself"),
+        (CSV, (PX, eight(0.5)), {}, "crosses itself"),
+        (CSV, (PX, np.random.default_rng(1).permutation(WHOLE)), {}, "points that are not in order"),
+        (CSV, (PX, np.concatenate([WHOLE, WHOLE])), {}, "a second loop"),
+        (CSV, (PX, np.concatenate([WHOLE, inner(-2)])), {}, "a second loop"),
+        (CSV, (PX, np.concatenate([WHOLE, inner(2)])), {}, "crosses itself"),
+        (CSV, (PX, turned((0.0, 0.75, 48))), {}, "around the capsule, once, got none between (96.38, 40.39) and ("),
+        (CSV, (PX, turned((0.125, 1.0, 350))), {}, "points all around the capsule, once, got none between"),
         ("c.roi", b"", {}, "expected an ImageJ ROI"),
         ("c.roi", b"PK" * 60, {}, "got another file"),
         ("c.roi", roi(clicked(), kind=1), {}, "got a ROI of type 1"),

@@ -20,7 +20,6 @@ from capsbayes.image.edge_models import bridged, median, quantile, robust_spread
 from capsbayes.image.edges import pixel_noise
 from capsbayes.image.files import Picture
 from capsbayes.image.walls import WallLines, find_walls
-from capsbayes.profile import signed_area
 from capsbayes.status import Status
 
 # The empty channel behind a capsule: given, the temporal median of a film, or estimated from the picture itself
@@ -51,29 +50,20 @@ def temporal_median(
         level = np.stack([frame[rows] for frame in frames])
         if covered is not None:  # what is covered comes last
             level = np.where([each[rows] for each in covered], np.inf, level).astype(np.float32)
-        levels.append(_quantile(level, share))
+        pixels = np.ascontiguousarray(level.reshape(len(level), -1).T)
+        levels.append(_quantiles(pixels, share, middle=True).reshape(level.shape[1:]))
     return np.concatenate(levels)
 
 
-def _quantile(levels: NDArray[Any], share: float) -> Floats:
-    """Return a quantile over the first axis, or the mean of the levels on either side of it."""
-    low, high, _ = _ranked(np.ascontiguousarray(levels.reshape(len(levels), -1).T), share)
-    return np.asarray(np.mean([low, high], axis=0, dtype=np.float64)).reshape(levels.shape[1:])
-
-
-def _quantiles(values: Floats, share: float) -> Floats:
-    """Return a quantile of each row of an array (n, m) but for its NaN : (n,) array."""
-    low, high, part = _ranked(values, share)
-    return np.asarray(low + part * (high - low))
-
-
-def _ranked(values: NDArray[Any], share: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
-    """Return the finite values of rows next below and above a share of them, and how far it lies between."""
+def _quantiles(values: NDArray[Any], share: float, *, middle: bool = False) -> Floats:
+    """Return a quantile of the finite values of each row (n, m), linear between two or their mean : (n,) array."""
     ordered = np.sort(values, axis=1)  # for tens of levels in a third of the time of np.median; NaN comes last
     place = share * (np.count_nonzero(np.isfinite(ordered), axis=1) - 1)
-    below, above = np.floor(place).astype(int), np.ceil(place).astype(int)
-    each = np.arange(len(ordered))
-    return ordered[each, below], ordered[each, above], place - below
+    below, each = np.floor(place).astype(int), np.arange(len(ordered))
+    low, high = ordered[each, below], ordered[each, np.ceil(place).astype(int)]
+    if middle:
+        return np.asarray(np.mean([low, high], axis=0, dtype=np.float64))
+    return np.asarray(low + (place - below) * (high - low))
 
 
 def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) -> float:
@@ -84,7 +74,7 @@ def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) 
         np.asarray(cv2.resize(each[::2].astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
         for each in (grey, reference)
     )
-    ratio = quantile(transmission(tiles, empty).ravel(), share) if median(empty) > 0.0 else 1.0
+    ratio = quantile(transmission(tiles, empty), share) if median(empty) > 0.0 else 1.0
     return ratio if 1.0 / FLICKER < ratio < FLICKER and abs(ratio - 1.0) > _STEADY else 1.0
 
 
@@ -121,11 +111,10 @@ def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floa
 
 def flatten(light: Floats, walls: WallLines) -> Floats:
     """Divide light (rows, columns) by its smooth trend along the channel, as of vignetting."""
-    rows, columns = light.shape
-    within = np.abs(walls.offset((rows, columns))) < _CORE * walls.half_width
-    seen = within.any(axis=0)
-    level = _quantiles(np.where(within, light, np.nan)[:, seen].T, 0.5)
-    design = np.vander(np.linspace(-1.0, 1.0, columns), 3)
+    core = np.abs(walls.offset(light.shape)) < _CORE * walls.half_width
+    seen = core.any(axis=0)
+    level = _quantiles(np.where(core, light, np.nan)[:, seen].T, 0.5)
+    design = np.vander(np.linspace(-1.0, 1.0, light.shape[1]), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 
     def residuals(trend: Floats) -> Floats:
@@ -181,24 +170,15 @@ _EVERY = 2  # px: neighbours in a smoothed picture are alike, and percentiles of
 _CLEAR = 2.0  # of the width of a wall's line: nearer to it, the line itself differs
 
 
-def mirror_level(empty: Floats, frames: Sequence[NDArray[Any]]) -> float:
-    """Return the grey level from which those of a bright picture are subtracted."""
-    # the empty channel becomes as bright as the brightest place, but for a single faulty pixel, and that as dark as it
-    # was
-    brightest = max(float(cv2.medianBlur(frame.astype(np.float32), 3).max()) for frame in (empty, *frames))
-    return brightest + float(np.median(empty))
-
-
 def is_brighter(frames: Sequence[NDArray[Any]], empty: Floats, walls: WallLines) -> bool:
     """Return True if what differs most from the empty channel between the walls is brighter than it."""
-    some = slice(None, None, _EVERY)
     rows = walls.rows_around(empty.shape)
     empty = empty[rows]
-    offset = walls.moved(0, -rows.start).offset(empty.shape)
-    between = np.abs(offset[some, some]) < walls.half_width - _CLEAR * walls.line_width
+    clear = walls.moved(0, -rows.start).between(empty.shape, _CLEAR * walls.line_width)[::_EVERY, ::_EVERY]
     darkening = brightening = 0.0
     for frame in frames:
-        change = cv2.GaussianBlur(np.subtract(frame[rows], empty, dtype=np.float32), (0, 0), 1.0)[some, some][between]
+        change = cv2.GaussianBlur(np.subtract(frame[rows], empty, dtype=np.float32), (0, 0), 1.0)
+        change = change[::_EVERY, ::_EVERY][clear]
         least, most = (quantile(change, share) for share in _ENDS) if change.size else (0.0, 0.0)
         darkening, brightening = max(darkening, -least), max(brightening, most)
     return brightening > _BRIGHTER * darkening
@@ -232,7 +212,9 @@ class Contrast:
             ground = estimate_background(base, walls, percentile=50.0) if empty is None else empty
             if not is_brighter(frames, ground, walls):
                 return cls(None, walls)
-        level = mirror_level(base, frames)
+        # the empty channel becomes as bright as the brightest place, but for a single faulty pixel, and that as dark
+        brightest = max(float(cv2.medianBlur(frame.astype(np.float32), 3).max()) for frame in (base, *frames))
+        level = brightest + float(np.median(base))
         bright_walls = stated or find_walls(level - base)
         if contrast is None and bright_walls is None:
             return cls(None, walls)
@@ -257,13 +239,12 @@ _FREE = 0.4  # of the columns, that need to follow the trend
 _ROUNDS = 30
 
 
-def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ...] | None:
-    """Return pictures of one view over the light along the channel in the last; None where that hardly changes."""
+def falling_light(grey: Floats, walls: WallLines) -> Floats | None:
+    """Return the light of a picture (rows, columns) where it falls off along the channel; None where it hardly does."""
     # 1 + b x + c (x^2 + y^2) with c <= 0, as a lens loses light alike in all directions; from what lies beyond the
     # walls, or from the columns of the channel that a dark capsule leaves free
-    grey = pictures[-1].grey
     rows, columns = grey.shape
-    away = np.abs(walls.offset((rows, columns)))
+    away = np.abs(walls.offset(grey.shape))
     strip = away > walls.half_width + _BEYOND * walls.line_width
     if strip.sum(axis=0).min() < _FEWEST_ROWS:
         strip = away < _FOLLOWED_CORE * walls.half_width
@@ -281,8 +262,7 @@ def evened(pictures: tuple[Picture, ...], walls: WallLines) -> tuple[Picture, ..
     if trend.min() <= 0.0 or 1.0 - trend.min() / trend.max() < _STRONG or np.mean(weight) < _FREE:
         return None
     y = np.arange(rows)[:, None] - 0.5 * (rows - 1)
-    light = np.maximum(1.0 + (fit[1] * x + min(fit[2], 0.0) * (x**2 + y**2)) / fit[0], 0.1)
-    return tuple(replace(picture, grey=picture.grey / light) for picture in pictures)
+    return np.asarray(np.maximum(1.0 + (fit[1] * x + min(fit[2], 0.0) * (x**2 + y**2)) / fit[0], 0.1))
 
 
 # Dark blobs between the walls: those that are capsules to measure, and the reasons why the others are not
@@ -336,10 +316,16 @@ def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | N
     return [replace(blob, status=_status(blob, blobs, dark.shape, walls.half_width)) for blob in blobs]
 
 
+def blobs_in_empty(empty: Floats, walls: WallLines) -> list[Blob]:
+    """Find what is dark in a picture that should be of the empty channel."""
+    light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
+    return find_blobs(light, walls, pixel_noise(light))
+
+
 def _erased(blob: Blob, boxes: Floats) -> Blob | None:
     """Return a blob without what lies within boxes, None if that is all of it."""
-    found = bridged(blob.polygon, within(blob.polygon, boxes))
-    return None if found is None else replace(blob, polygon=found[0], erased=found[1])
+    left = bridged(blob.polygon, within(blob.polygon, boxes))
+    return None if left is None else replace(blob, polygon=left[0], erased=left[1])
 
 
 def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
@@ -348,8 +334,8 @@ def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
     left, right = x < _BORDER, x > columns - 1.0 - _BORDER
     if left.any() and right.any():
         return True
-    for end in (left.any() * (x < _CLEARANCE), right.any() * (x > columns - 1.0 - _CLEARANCE)):
-        if end.any() and np.ptp(blob.polygon[end] @ walls.across) < _LINE:
+    for out, end in ((left, x < _CLEARANCE), (right, x > columns - 1.0 - _CLEARANCE)):
+        if out.any() and np.ptp(blob.polygon[end] @ walls.across) < _LINE:
             return True
     leaving = (blob.polygon[left | right] - walls.middle) @ walls.across / walls.half_width
     return len(leaving) > 0 and bool(np.abs(leaving).min() > _BY_WALL and abs(np.sign(leaving).mean()) == 1.0)
@@ -369,12 +355,14 @@ def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:
 def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
     """Return the connected pieces of a mask, their status not yet judged."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return [Blob(_clockwise(contour[:, 0].astype(float)), cv2.contourArea(contour)) for contour in contours]
+    areas = [cv2.contourArea(contour, oriented=True) for contour in contours]
+    clockwise = (contour[:: 1 if area > 0.0 else -1, 0] for contour, area in zip(contours, areas, strict=True))
+    return [Blob(polygon.astype(float), abs(area)) for polygon, area in zip(clockwise, areas, strict=True)]
 
 
 @lru_cache(maxsize=1)  # the frames of a film share it
 def _between(walls: WallLines, shape: tuple[int, int]) -> Booleans:
-    mask: Booleans = np.abs(walls.offset(shape)) < walls.half_width - 0.5 * walls.line_width
+    mask = walls.between(shape, 0.5 * walls.line_width)
     mask.flags.writeable = False
     return mask
 
@@ -402,10 +390,6 @@ def notch(polygon: Floats) -> float:
     hull[::-1].sort(axis=0)  # where a contour passes a pixel twice, OpenCV needs the hull in one sense
     defects = cv2.convexityDefects(corners, hull)
     return 0.0 if defects is None else float(defects.reshape(-1, 4)[:, 3].max()) / 256.0
-
-
-def _clockwise(polygon: Floats) -> Floats:
-    return polygon if signed_area(polygon) > 0.0 else polygon[::-1]
 
 
 # Whether a picture of the empty channel belongs to that of a capsule: its light, its place, and that it is empty
@@ -465,16 +449,15 @@ def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> N
             raise _error(
                 background, "a background that fits the picture", got, "take both at one place and magnification"
             )
-    if walls is None or not np.any(np.abs(walls.offset((len(empty), empty.shape[1]))) < 0.5 * walls.half_width):
+    if walls is None or not np.any(walls.between(empty.shape, 0.5 * walls.half_width)):
         return
-    light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
     over = transmission(seen, empty)
-    for blob in find_blobs(light, walls, pixel_noise(light)):
+    for blob in blobs_in_empty(empty, walls):
         inside = np.zeros(empty.shape, np.uint8)
         cv2.fillPoly(inside, [blob.polygon.astype(np.int32)], 1)
         fuller = np.mean(over[inside > 0] > _BRIGHTER_PIXEL) > _UNLIKE or np.array_equal(seen, empty)
         if blob.status is not Status.DEBRIS and fuller:
-            got = f"one with something dark at column {blob.middle[0]:.0f}, row {blob.middle[1]:.0f}"
+            got = "one with something dark at column {:.0f}, row {:.0f}".format(*blob.middle)
             raise _error(background, "the empty channel", got, "take it without a capsule")
 
 
@@ -482,10 +465,9 @@ def _lies_better(seen: Floats, empty: Floats, walls: WallLines, down: float, tur
     """Return whether the background differs less from the picture by the walls when it is moved, turned and scaled."""
     move = cv2.getRotationMatrix2D((walls.centre_column, walls.centre_row + down), turn, 1.0 / wide)
     move[1, 2] -= down
-    rows, columns = empty.shape
-    laid = cv2.warpAffine(empty, move, (columns, rows), borderMode=cv2.BORDER_REPLICATE)
-    near = np.abs(np.abs(walls.offset((rows, columns))) - walls.half_width) < _BY_WALLS
-    return bool(np.mean(np.abs(seen - laid)[near]) < _BETTER * np.mean(np.abs(seen - empty)[near]))
+    moved = cv2.warpAffine(empty, move, empty.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+    near = np.abs(np.abs(walls.offset(empty.shape)) - walls.half_width) < _BY_WALLS
+    return bool(np.mean(np.abs(seen - moved)[near]) < _BETTER * np.mean(np.abs(seen - empty)[near]))
 
 
 def _error(background: Picture, expected: str, got: str, advice: str) -> InputError:
@@ -525,7 +507,7 @@ def edge_shift(light: Floats, walls: WallLines, blobs: list[Blob]) -> float:
 
 def _free(shape: tuple[int, ...], walls: WallLines, blobs: list[Blob]) -> Booleans:
     """Return which pixels show the liquid alone : (rows, columns) array."""
-    free = np.abs(walls.offset((shape[0], shape[1]))) < walls.half_width - _CLEAR_OF_LINE * walls.line_width
+    free = walls.between(shape, _CLEAR_OF_LINE * walls.line_width)
     for blob in blobs:
         low = np.maximum(np.floor(blob.polygon.min(axis=0) - _AROUND), 0.0).astype(int)
         high = np.ceil(blob.polygon.max(axis=0) + _AROUND).astype(int)

@@ -6,6 +6,7 @@ Places are in pixels of the whole picture, columns x to the right and rows y dow
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -125,7 +126,7 @@ class ByHand:
         rows, columns = shape
         if self.crop is None:
             return slice(0, rows), slice(0, columns)
-        left, top, width, height = (round(number) for number in self.crop)
+        left, top, width, height = map(round, self.crop)
         right, bottom = left + width, top + height
         if left < 0 or top < 0 or right > columns or bottom > rows:
             raise InputError("crop", "", f"a part of the picture of {columns} x {rows} px", _listed(self.crop))
@@ -138,28 +139,24 @@ class ByHand:
         if self.erase is None:
             return None
         rows, columns = self.part(shape)
-        boxes = np.array(self.erase, dtype=float)
-        first, size = boxes[:, :2] - 0.5, boxes[:, 2:]
-        for box in boxes[
-            np.any(first >= [shape[1] - 0.5, shape[0] - 0.5], axis=1) | np.any(first + size <= -0.5, axis=1)
-        ]:
-            expected = f"a box within the picture of {shape[1]} x {shape[0]} px"
-            raise InputError("erase", "", expected, _listed(tuple(box)))
-        return np.hstack([first, first + size]) - np.array(2 * [columns.start, rows.start])
-
-    def lines_in_part(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
-        """Return the walls, as `lines` does, in the coordinates of the part that is analysed."""
-        rows, columns = self.part(shape)
-        found = self.lines(shape, half_width)
-        if found is None:
-            return None
-        return found.moved(-columns.start, -rows.start).centred_at(0.5 * (columns.stop - columns.start - 1))
+        corners = []
+        for left, top, width, height in self.erase:
+            if left >= shape[1] or top >= shape[0] or left + width <= 0.0 or top + height <= 0.0:
+                expected = f"a box within the picture of {shape[1]} x {shape[0]} px"
+                raise InputError("erase", "", expected, _listed((left, top, width, height)))
+            corners.append((left, top, left + width, top + height))
+        return np.array(corners) - 0.5 - np.array(2 * [columns.start, rows.start])
 
     def lines(self, shape: tuple[int, int], half_width: Quantity | None) -> WallLines | None:
-        """Return the walls in a picture of a shape, or None where they are to be found in it."""
+        """Return the walls in the part that is analysed of a picture of a shape; None where they are to be found."""
         if self.walls is not None:
-            return self._stated_walls(shape)
-        return None if self.pixel_size is None else self._around_axis(shape, self.pixel_size, half_width)
+            stated = self._stated_walls(shape)
+        elif self.pixel_size is not None:
+            stated = self._around_axis(shape, self.pixel_size, half_width)
+        else:
+            return None
+        rows, columns = self.part(shape)
+        return stated.moved(-columns.start, -rows.start).centred_at(0.5 * (columns.stop - columns.start - 1))
 
     def _stated_walls(self, shape: tuple[int, int]) -> WallLines:
         rows, columns = shape
@@ -212,34 +209,30 @@ def _numbers(given: Any, name: str, counts: tuple[int, ...], expected: str) -> t
     """Return the numbers of a text or a sequence."""
     if given is None:
         return None
+    parts, numbers = given, tuple[float, ...]()
     if isinstance(given, str):
-        text = given.strip().removesuffix("px")
-        parts = [part for part in re.split(r"[,\s]+", text.strip()) if part]
-        found = [float(part) for part in parts if _NUMBER.fullmatch(part)]
-        good = len(found) == len(parts)
-    else:
-        found, good = [], True
-        try:
-            found = [float(number) for number in np.atleast_1d(given)]
-        except (TypeError, ValueError):
-            good = False
-    if not good or len(found) not in counts or not np.all(np.isfinite(found)):
+        parts = [part for part in re.split(r"[,\s]+", given.strip().removesuffix("px")) if part]
+    if not isinstance(given, str) or all(map(_NUMBER.fullmatch, parts)):
+        with contextlib.suppress(TypeError, ValueError):
+            numbers = tuple(float(part) for part in np.atleast_1d(parts))
+    if len(numbers) not in counts or not np.all(np.isfinite(numbers)):
         raise InputError(name, "", expected, repr(given))
-    return tuple(found)
+    return numbers
 
 
 def _boxes(given: Any) -> tuple[tuple[float, ...], ...] | None:
     """Return the numbers of boxes, in a text or in one or several sequences of four."""
     if given is None:
         return None
+    parts: Any = given if np.iterable(given) else [given]
     if isinstance(given, str):
-        parts: list[Any] = [part for part in given.split(";") if part.strip()]
-    else:
-        parts = [given] if len(given) == 4 and np.ndim(given) == 1 else list(given)
-    boxes = [_numbers(part, "erase", (4,), _BOXES) for part in parts]
-    if not boxes or any(box is None or min(box[2:]) <= 0.0 for box in boxes):
+        parts = [part for part in given.split(";") if part.strip()]
+    elif len(parts) == 4 and np.ndim(parts) == 1:
+        parts = [given]
+    boxes = tuple(_numbers(part, "erase", (4,), _BOXES) or () for part in parts)
+    if not boxes or any(not box or min(box[2:]) <= 0.0 for box in boxes):
         raise InputError("erase", "", _BOXES, repr(given))
-    return tuple(box for box in boxes if box is not None)
+    return boxes
 
 
 def _check_row(row: float, rows: int, name: str) -> None:

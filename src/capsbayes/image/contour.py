@@ -20,7 +20,7 @@ from capsbayes.files.csv_file import finite_numbers, read_columns
 from capsbayes.files.input_file import parsing, read_bytes
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.measure import EdgeErrors, check_flow, measurement_of_lengths, over_l
+from capsbayes.image.measure import EdgeErrors, check_flow, measurement_of_lengths, over_l, speeds_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, check_simple, signed_area, vertex_normals
@@ -113,9 +113,7 @@ _DRAWN = {".roi": ("an ImageJ ROI", _of_imagej), ".json": ("a LabelMe file with 
 # From a contour that a person or another program traced to a measurement with its silhouette
 
 POINTS = ("centres", "borders")
-EDGE_ERROR = (
-    1.0  # px: of either end, unless stated: an edge is blurred over some pixels, and a line drawn anywhere in it
-)
+EDGE_ERROR = 1.0  # px: of either end, unless stated: a line may be drawn anywhere in an edge blurred over some pixels
 _HALF_PIXEL = 0.45  # px: how far inside the edge a polygon through the centres of the outermost pixels lies, on average
 # of the depth's standard error, and of l: a rear that is hollow by more is taken to have been traced; a silhouette is
 # hollow by less, and 12 of 60 drawn with an error of a pixel were hollow by more than three errors of the edge
@@ -148,14 +146,10 @@ def measure_contour(
 ) -> Measurement:
     """Measure a capsule from its contour."""
     direction = check_flow(flow) or 1
-    capsule_velocity, rate, edge_error, pixel_size = (
-        None if given is None else Quantity.of(given, name, where="measure_contour", key=key, units=(unit,))
-        for given, name, key, unit in (
-            (capsule_velocity, "capsule_velocity", None, "m/s"),
-            (flow_rate, "flow_rate", None, "m^3/s"),
-            (edge_error, "", "edge_error", "m"),
-            (pixel_size, "", "pixel_size", "m"),
-        )
+    capsule_velocity, rate = speeds_of("measure_contour", capsule_velocity, flow_rate)
+    edge_error, pixel_size = (
+        None if given is None else Quantity.of(given, where="measure_contour", key=key, units=("m",))
+        for given, key in ((edge_error, "edge_error"), (pixel_size, "pixel_size"))
     )
     between = None if walls is None else _between(contour, ByHand(walls=walls, wall_error=wall_error))
     if between is not None:
@@ -177,23 +171,24 @@ def measure_contour(
     covariance[3, 3] = (relative * half_width) ** 2
     lengths = np.array([profile.axial_extent, profile.axial_extent - depth, depth, half_width])
     covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
-    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value
-    measured = measurement_of_lengths(
-        lengths,
-        covariance,
-        capsule_velocity,
-        replace(experiment, camera=None),
-        walls=between or f"the half width over a {named} of {size_um:.4g} um",
-        source=contour.source,
-        sha256=contour.sha256,
-    )
     edge = _without_rear(edge, error, hollow=bool(np.isfinite(depth)))
     drift, common = (float(np.sqrt(share)) * error for share in (1.0 - _COMMON, _COMMON))
     errors = EdgeErrors(max(scatter, _LEAST_NOISE * half_width), drift, 0.0, common)
     seen = over_l(edge, errors, half_width, relative * half_width, _DRIFT * half_width)
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
-    return replace(measured, outline=seen).flowing(rate)
+    named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value
+    return measurement_of_lengths(
+        lengths,
+        covariance,
+        capsule_velocity,
+        experiment,
+        flow_rate=rate,
+        outline=seen,
+        walls=between or f"the half width over a {named} of {size_um:.4g} um",
+        source=contour.source,
+        sha256=contour.sha256,
+    )
 
 
 def _between(contour: ContourFile, stated: ByHand) -> WallLines:
@@ -208,9 +203,9 @@ def _between(contour: ContourFile, stated: ByHand) -> WallLines:
     if not upper < rows.min() < rows.max() < lower:
         expected = f"one wall on either side of the contour, whose rows are {rows.min():.4g} to {rows.max():.4g} px"
         raise InputError("walls", "", expected, f"{upper:g}, {lower:g}")
-    found = stated.lines((_ROWS, _ROWS), None)
-    assert found is not None, "walls are stated"
-    return found
+    between = stated.lines((_ROWS, _ROWS), None)
+    assert between is not None, "walls are stated"
+    return between
 
 
 def _aspect(experiment: Experiment) -> Quantity:
@@ -317,13 +312,12 @@ def _off_neighbours(outline: Floats, step: int = 1) -> tuple[Floats, Floats]:
     # and its standard deviation along the normal over that of one point (n,); cubics of the arc length: points at
     # unequal distances do not scatter
     steps = np.array([np.roll(outline, -k * step, axis=0) - outline for k in (-2, -1, 1, 2)])
-    one = np.hypot(*np.moveaxis(steps, -1, 0))
-    before, after = np.roll(one[2], step), np.roll(one[2], -step)
-    places = np.array([-one[1] - np.roll(before, step), -one[1], one[2], one[2] + after])
+    apart = np.hypot(*np.moveaxis(steps, -1, 0))
+    before, after = np.roll(apart[2], step), np.roll(apart[2], -step)
+    places = np.array([-apart[1] - np.roll(before, step), -apart[1], apart[2], apart[2] + after])
     others = [[places[j] for j in range(4) if j != k] for k in range(4)]
-    weights = np.array(
-        [np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)]
-    )  # of Lagrange, at the point itself
+    # weights of Lagrange, at the point itself
+    weights = np.array([np.prod([p / (p - places[k]) for p in others[k]], axis=0) for k in range(4)])
     off = -np.einsum("kn,knd->nd", weights, steps)
     return off, np.sqrt(1.0 + np.sum(weights**2, axis=0))
 

@@ -125,16 +125,12 @@ class Detection:
             return self
         by = np.array([right, down], dtype=float)
         along = (self.flow or 1) * float(by @ self.walls.along)
-
-        def shifted(end: FurthestPoint | None, sense: float) -> FurthestPoint | None:
-            return None if end is None else replace(end, distance=end.distance + sense * along)
-
         return replace(
             self,
             walls=self.walls.moved(*by),
             outline=self.outline and replace(self.outline, points=self.outline.points + by),
-            nose=shifted(self.nose, 1.0),
-            end=shifted(self.end, -1.0),
+            nose=self.nose and replace(self.nose, distance=self.nose.distance + along),
+            end=self.end and replace(self.end, distance=self.end.distance - along),
             blob=self.blob and replace(self.blob, polygon=self.blob.polygon + by),
         )
 
@@ -145,9 +141,9 @@ class Detection:
         errors = np.sqrt(np.diag(self.covariance))
         half_width, half_width_error = float(self.lengths[3]), float(errors[3])
         rows = [(name, 1, *pair) for name, *pair in zip(("L_z", "L_a", "L_p", "l"), self.lengths, errors, strict=True)]
-        if (found := self.integrals) is not None:
-            named = (("perimeter", 1, found.perimeter), ("area", 2, found.area), ("volume", 3, found.volume))
-            rows += [(name, power, q.value, q.error) for name, power, q in (*named, ("Lambda", 0, found.stretch_ratio))]
+        if (over := self.integrals) is not None:
+            named = ("perimeter", 1, over.perimeter), ("area", 2, over.area), ("volume", 3, over.volume)
+            rows += [(name, power, q.value, q.error) for name, power, q in (*named, ("Lambda", 0, over.stretch_ratio))]
         table = pd.DataFrame(rows, columns=["quantity", "power", "value_px", "error_px"]).set_index("quantity")
         table["value_over_l"] = table["value_px"] / half_width ** table["power"]
         share = np.hypot(table["error_px"] / table["value_px"], table["power"] * half_width_error / half_width)
@@ -192,8 +188,7 @@ def analyse_blob(
     of_shape = _flow_of_shape(outline, walls)
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
-    found = Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob, shift=shift)
-    return _with_ends(light, noise, walls, outline, found)
+    return _with_ends(light, noise, Detection(Status.DONE, walls, outline, flow or of_shape, blob=blob, shift=shift))
 
 
 def _combed(light: Floats, noise: float, blob: Blob) -> bool:
@@ -206,7 +201,7 @@ def _combed(light: Floats, noise: float, blob: Blob) -> bool:
         return False
     second = part[1:-1] - 0.5 * (part[:-2] + part[2:])
     apart = 0.5 * np.abs(np.mean(second[::2], axis=0) - np.mean(second[1::2], axis=0))
-    depth = 1.0 - quantile(part.ravel(), 0.05)
+    depth = 1.0 - quantile(part, 0.05)
     return bool(apart.max() > max(_COMB * depth, _CHANCE * noise / np.sqrt(len(second))))
 
 
@@ -262,8 +257,9 @@ def _flow_of_shape(outline: EdgeOutline, walls: WallLines) -> int:
     return 0 if abs(lead) < _SYMMETRIC else int(np.sign(lead))
 
 
-def _with_ends(light: Floats, noise: float, walls: WallLines, outline: EdgeOutline, detection: Detection) -> Detection:
+def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
+    walls, outline = detection.located()
     downstream = (detection.flow or 1) * walls.along
     nose = furthest_point(outline, downstream, _NOSE_MISFIT, detection.shift)
     end = furthest_point(outline, -downstream, _END_MISFIT, detection.shift)

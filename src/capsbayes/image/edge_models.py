@@ -26,26 +26,21 @@ Complex = NDArray[np.complex128]
 
 def low_harmonics(points: Floats) -> tuple[Floats, Complex]:
     """Return the numbers of the low harmonics of a closed outline (n, 2), and their coefficients in x + iy."""
-    order, coefficients, kept = _harmonics(points)
-    return order[kept], coefficients[kept] / len(points)
+    order: Floats = np.fft.fftfreq(len(points), 1.0 / len(points)).astype(np.float64)
+    kept = np.abs(order) <= _KEPT * len(points)
+    return order[kept], np.fft.fft(points @ np.array([1.0, 1j]))[kept] / len(points)
 
 
 def smooth_curve(points: Floats) -> Floats:
     """Return the points (n, 2) of the smooth curve at the places of those of an outline."""
-    _, coefficients, kept = _harmonics(points)
-    smooth = np.fft.ifft(np.where(kept, coefficients, 0.0))
+    order, coefficients = low_harmonics(points)
+    smooth = waves(order, len(points)) @ coefficients
     return np.stack([smooth.real, smooth.imag], axis=1)
 
 
 def waves(order: Floats, count: int) -> Complex:
     """Return harmonics at so many equal steps around : (count, k) array."""
     return np.asarray(np.exp(2j * np.pi * np.arange(count)[:, None] / count * order))
-
-
-def _harmonics(points: Floats) -> tuple[Floats, Complex, Booleans]:
-    order: Floats = np.fft.fftfreq(len(points), 1.0 / len(points)).astype(np.float64)
-    kept: Booleans = np.abs(order) <= _KEPT * len(points)
-    return order, np.fft.fft(points @ np.array([1.0, 1j])), kept
 
 
 # Equations too small for a library's call
@@ -377,12 +372,6 @@ def misfit_around(left: Floats, used: Floats, place_variance: Floats, fitted: fl
     return np.asarray(np.sqrt(squares / np.maximum(free, 1.0) * place_variance))
 
 
-def tangents(base: Floats) -> Floats:
-    """Return the unit tangents of a closed curve of points at equal distances : (n, 2) array."""
-    step = np.roll(base, -1, axis=0) - np.roll(base, 1, axis=0)
-    return np.asarray(step / np.hypot(*step.T)[:, None])
-
-
 def curvatures(curve: Floats) -> Floats:
     """Return the curvature at points (n, 2) at equal distances of a clockwise curve, positive where it is convex."""
     before, after = np.roll(curve, 1, axis=0), np.roll(curve, -1, axis=0)
@@ -417,18 +406,15 @@ class RobustFit:
 
 
 def median(values: Floats) -> float:
-    """Return the median of an array without NaN, NaN if it is empty; np.median takes five times as long."""
-    values = values.ravel()
-    middle = len(values) // 2
-    if not len(values):
-        return np.nan
-    ordered = np.partition(values, middle)
-    upper = float(ordered[middle])
-    return upper if len(values) % 2 else 0.5 * (float(ordered[:middle].max()) + upper)
+    """Return the median of an array without NaN, NaN if it is empty."""
+    return quantile(values, 0.5)
 
 
 def quantile(values: Floats, share: float) -> float:
-    """Return the value below which a share of an array (n,) lies, linear between two; np.quantile takes longer."""
+    """Return the value below which a share of an array lies, linear between two; np.quantile takes longer."""
+    values = values.ravel()
+    if not len(values):
+        return np.nan
     place = share * (len(values) - 1)
     below = int(place)
     above = min(below + 1, len(values) - 1)

@@ -33,11 +33,10 @@ from capsbayes.image.edge_models import (
     sampled,
     smooth_curve,
     substitute,
-    tangents,
     waves,
     wider_by_few,
 )
-from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area
+from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area, vertex_normals
 from capsbayes.quantity import Quantity
 
 # A closed curve around the dark blob is moved to where the intensity along its normals jumps: the jump is located in
@@ -161,8 +160,7 @@ def _moved(
     if whole is None:
         return None
     curve, erased = whole
-    base, tangent, curvature = _smoothed(curve, median(widths))
-    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    base, normals, curvature = _smoothed(curve, median(widths))
     erased = erased[KDTree(curve).query(base)[1]] if erased.any() else np.zeros(len(base), dtype=bool)
     kept = ~erased
     arcs = max(8, round(_SPACING * len(base) / ARC))
@@ -174,15 +172,15 @@ def _moved(
     profiles = sampled(spline, base, normals, samples)
     arc = np.arange(len(base)) * arcs // len(base)
     means, count = means_of_arcs(profiles[kept], arc[kept], arcs)
-    some = count >= _FEWEST
-    if not some.any():
+    enough = count >= _FEWEST
+    if not enough.any():
         return None
-    means[~some], count = means[some].mean(axis=0), np.maximum(count, 1.0)
+    means[~enough], count = means[enough].mean(axis=0), np.maximum(count, 1.0)
     if bend is None:
         noise = median(mean_squares(profiles[kept], means, arc[kept], used))
-        bend = _bend_of(means, samples, width, used, some * count / noise)
+        bend = _bend_of(means, samples, width, used, enough * count / noise)
     edge = locate(means, samples, Model.EDGE, np.zeros(arcs), width, used, bend)
-    located = _is_located(edge, window) & some
+    located = _is_located(edge, window) & enough
     if located.sum() < arcs // 2:
         return None
     place, blur = (_filled(values, located) for values in (edge.place, edge.width))
@@ -212,10 +210,8 @@ def _moved(
 
 def _filled(values: Floats, located: Booleans) -> Floats:
     """Return the values of arcs (arcs,), interpolated around the curve where an arc was not located."""
-    if located.all():
-        return values
-    found = np.flatnonzero(located)
-    return np.interp(np.arange(len(values)), found, values[found], period=len(values))
+    places = np.flatnonzero(located)
+    return np.interp(np.arange(len(values)), places, values[places], period=len(values))
 
 
 def _is_located(edge: ProfileFit, window: Floats) -> Booleans:
@@ -244,10 +240,10 @@ def _bend_of(means: Floats, samples: Floats, width: Floats, used: Floats, weight
 
 
 def _smoothed(curve: Floats, blur: float) -> tuple[Floats, Floats, Floats]:
-    """Return points at equal distance on the smoothed curve, unit tangents, and curvatures, positive where convex."""
+    """Return points at equal distance on the smoothed curve, unit normals, and curvatures, positive where convex."""
     count = max(32, round(arc_length(curve)[-1] / _SPACING))
     base = rounded(equally_spaced(curve, count), _SMOOTHING / _SPACING)
-    return base, tangents(base), curvatures(rounded(base, blur / _SPACING))
+    return base, vertex_normals(base), curvatures(rounded(base, blur / _SPACING))
 
 
 def _shifts(
@@ -340,7 +336,9 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     best = int(np.argmax(values))
     free = len(t) - _ORDER - 1
     excess = max(1.0, wider_by_few(free) ** 2 * float(residual @ residual) / free)
-    value, slope, bend = _derivatives(fine[best], powers)
+    value = fine[best] ** powers
+    slope = powers * np.roll(value, 1)  # the derivative of a power is the next lower one, times its number
+    bend = powers * np.roll(slope, 1)
     weights = value @ inverse
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
@@ -354,12 +352,6 @@ def _design(window: int) -> tuple[Floats, Floats]:
     """Return the places of the points of a window, over its half, and their powers."""
     t = np.arange(-window, window + 1) / window
     return t, t[:, None] ** np.arange(_ORDER + 1)
-
-
-def _derivatives(t: float, powers: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
-    """Return the powers of t with their first and second derivatives."""
-    once, twice = np.maximum(powers - 1, 0), np.maximum(powers - 2, 0)
-    return np.asarray(t**powers), np.asarray(powers * t**once), np.asarray(powers * once * t**twice)
 
 
 def _too_far(slope_variance: float, bend: float, variance: float) -> float:

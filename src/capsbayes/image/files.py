@@ -120,7 +120,12 @@ class Picture:
 
     def packed(self) -> Picture:
         """Return the picture with its grey levels in a smaller type, in which the counts of a camera are exact."""
-        return replace(self, grey=packed(self.grey))
+        for counts in (np.uint8, np.uint16):
+            if self.grey.min() >= 0.0 and self.grey.max() <= np.iinfo(counts).max:
+                small: Any = self.grey.astype(counts)
+                if np.array_equal(small, self.grey):
+                    return replace(self, grey=small)
+        return replace(self, grey=self.grey.astype(np.float32))
 
     def cut(self, part: tuple[slice, slice]) -> Picture:
         """Return a part of the picture, by its rows and columns."""
@@ -141,17 +146,6 @@ def _fill(grey: Floats, clipped: Booleans, rows: NDArray[np.intp]) -> None:
     """Put in place of rows what lies between those beside, whose levels are known as little as clipped ones."""
     clipped[rows] = True
     grey[rows] = (9.0 * (grey[rows - 1] + grey[rows + 1]) - (grey[rows - 2] + grey[rows + 2])) / 16.0
-
-
-def packed(grey: Floats) -> Pixels:
-    """Return grey levels in the smallest type that holds counts of a camera exactly, others in single precision."""
-    least, most = grey.min(), grey.max()
-    for counts in (np.uint8, np.uint16):
-        if least >= 0.0 and most <= np.iinfo(counts).max:
-            small = grey.astype(counts)
-            if np.array_equal(small, grey):
-                return small
-    return grey.astype(np.float32)
 
 
 def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> Images | None:
@@ -239,13 +233,9 @@ class Film:
     @classmethod
     def open(cls, path: str | Path) -> Film:
         """Open a film and count its frames."""
-        path, behind = Path(path), None
-        where = str(path)
-        if not path.is_dir():
-            check_file(path, "film")
+        path, where, behind = Path(path), str(path), None
         if path.is_dir():
             pictures = _pictures(path)
-            count = len(pictures)
             for picture in pictures:
                 check_file(picture, "picture")
                 with contextlib.suppress(CutOffError):  # a frame that cannot be read, as others
@@ -253,7 +243,9 @@ class Film:
                         check_single(images, str(picture))
             if not pictures:
                 raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
-        elif kind_of(path) in VIDEO_KINDS:
+            return cls(path, len(pictures))
+        check_file(path, "film")
+        if kind_of(path) in VIDEO_KINDS:
             check_length(path)
             with quietly():
                 video = cv2.VideoCapture(where)

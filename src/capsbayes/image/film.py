@@ -20,14 +20,13 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import (
     FLICKER,
     Contrast,
+    blobs_in_empty,
     brightness,
     check_light,
     check_place,
     compared_with_bands,
     edge_shift,
-    estimate_background,
     find_blobs,
-    flatten,
     runs_upright,
     take_turns,
     temporal_median,
@@ -36,7 +35,7 @@ from capsbayes.image.background import (
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import analyse_blob
 from capsbayes.image.edges import pixel_noise
-from capsbayes.image.files import Film, Picture, Pixels, packed
+from capsbayes.image.files import Film, Picture, Pixels
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord, Linker, Track
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture
 from capsbayes.image.walls import WallLines
@@ -138,10 +137,12 @@ def measure_film(
     direction, by_hand = check_flow(flow), by_hand or ByHand()
     if by_hand.erase is not None:
         raise InputError("erase", "", "nothing for a film: its capsules move past what is wrong", "boxes")
+    if experiment.camera is not None:
+        expected = "none for a film: single pictures, events and contours alone are corrected"
+        raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
     film = replace(film, quarters=by_hand.quarters)
-    given = background is not None
     # they tell the background, the contrast, and whether the film was smoothed
-    sampled: list[Pixels] = [packed(picture.grey) for picture in _sample(film, by_hand, given=given)]
+    sampled: list[Pixels] = [picture.packed().grey for picture in _sample(film, by_hand, given=background is not None)]
     stated = None if background is None else read_picture(background).turned(film.quarters)
     view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
@@ -237,7 +238,7 @@ def _view(
         raise InputError(
             str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
         )
-    lines = by_hand.lines_in_part(first.shape, experiment.half_width)
+    lines = by_hand.lines(first.shape, experiment.half_width)
     sampled = [frame[part] for frame in sampled if frame.shape == first.shape]
     sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated)
     empty = temporal_median(sampled) if stated is None else stated
@@ -256,18 +257,14 @@ def _view(
         return Status.UPRIGHT if runs_upright(raw, by_hand.contrast) else Status.NO_WALLS
     if lines is not None:
         walls = compared_with_bands(walls, empty)
-    if stated is None:
-        light = flatten(transmission(empty, estimate_background(empty, walls)), walls)
-        if find_blobs(light, walls, pixel_noise(light)):
-            return Status.COVERED
+    if stated is None and blobs_in_empty(empty, walls):
+        return Status.COVERED
     near = walls.rows_around(empty.shape)
-    walls = walls.moved(0, -near.start)
-    shown = empty[near]
-    between = np.abs(walls.offset((len(shown), shown.shape[1]))) < walls.half_width
+    walls, shown = walls.moved(0, -near.start), empty[near]
     read = slice(rows.start + near.start, rows.start + near.stop), columns
     gain = transmission(np.ones_like(shown), shown)
     shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
-    return _View(read, walls, raw[near], gain, between, contrast, shift)
+    return _View(read, walls, raw[near], gain, walls.between(shown.shape), contrast, shift)
 
 
 def _bare(contrast: Contrast) -> float:
@@ -277,11 +274,9 @@ def _bare(contrast: Contrast) -> float:
 
 def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
     """Return frames in the light of another one, where the lamp flickers."""
-    levels = [brightness(frame, reference) for frame in frames]
-    return [
-        frame if level == 1.0 else (frame / level).astype(np.float32)
-        for frame, level in zip(frames, levels, strict=True)
-    ]
+    levels = (brightness(frame, reference) for frame in frames)
+    lit = zip(frames, levels, strict=True)
+    return [frame if level == 1.0 else (frame / level).astype(np.float32) for frame, level in lit]
 
 
 def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, walls: WallLines) -> Floats | None:

@@ -118,25 +118,43 @@ class Linker:
 _PARABOLA = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0  # weights of five points in the middle of their parabola
 # of an arc's error, the same in all frames: noise biases fits, as L_z by 0.13 px where 5 % of it scatter it by 0.19 px
 _BIAS = 0.5
+_SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels
 _ROUNDS = 3  # of laying outlines onto each other; the third changes nothing that is seen
 _FEWEST_ARCS = 8
 _UNLIKE_ARC = 6.0  # robust standard deviations of an arc: of 2,000 frames without a fault no arc is that far off
 
 
 @dataclass(frozen=True, eq=False)
-class FrameOutline:
-    """Outline of a capsule in one frame."""
+class FrameMeasurement:
+    """Place, lengths and outline of a capsule in one frame."""
 
-    points: Floats  # (n, 2) [px]: along and across the channel, the latter from its middle; counter-clockwise
-    errors: EdgeErrors
+    frame: int  # from 0
+    place: Floats  # (2,) [px]: of the centroid, along and across the channel
+    place_variance: float  # [px^2]: of its error along
+    lengths: Floats  # (4,) [px]: L_z, L_a, L_p and l; NaN where missing
+    covariance: Floats  # (4, 4) [px^2]: of their errors
+    systematic: Floats  # (4, 4) [px^2]: the part of it that is the same in all frames
+    points: Floats = field(repr=False)  # (n, 2) [px]: along and across the channel, the latter from its middle
+    errors: EdgeErrors  # of the points
 
     @classmethod
-    def of(cls, detection: Detection) -> FrameOutline:
-        """Return the outline of a detection that is done."""
+    def of(cls, frame: int, detection: Detection) -> FrameMeasurement:
+        """Return what a detection that is done measured."""
         walls, outline = detection.located()
-        points = (outline.points - walls.middle) @ np.stack([walls.along, walls.across], axis=1)
-        points = points if signed_area(points) > 0.0 else points[::-1]
-        return cls(points.astype(np.float32), EdgeErrors.of(detection))
+        axes = np.stack([walls.along, walls.across], axis=1)
+        points = (outline.points - walls.middle) @ axes
+        points = points if signed_area(points) > 0.0 else points[::-1]  # counter-clockwise
+        middle = centroid(outline.points)
+        return cls(
+            frame,
+            np.array([middle @ walls.along, middle @ walls.across]),
+            centroid_variance(outline, walls.along) + _SAMPLING**2,
+            detection.lengths,
+            detection.covariance,
+            detection.systematic_covariance,
+            points.astype(np.float32),
+            EdgeErrors.of(detection),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +167,10 @@ class AlignedOutlines:
     errors: tuple[EdgeErrors, ...]  # of each frame
 
     @classmethod
-    def of(cls, outlines: Sequence[FrameOutline]) -> AlignedOutlines:
-        """Lay outlines onto each other, in the directions of the points of one of them."""
-        middles = np.array([centroid(outline.points.astype(np.float64)) for outline in outlines])
-        local = [outline.points - middle for outline, middle in zip(outlines, middles, strict=True)]
+    def of(cls, frames: Sequence[FrameMeasurement]) -> AlignedOutlines:
+        """Lay the outlines of frames onto each other, in the directions of the points of one of them."""
+        middles = np.array([centroid(frame.points.astype(np.float64)) for frame in frames])
+        local = [frame.points - middle for frame, middle in zip(frames, middles, strict=True)]
         angles = np.arctan2(local[0][:, 1], local[0][:, 0])
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         for _ in range(_ROUNDS):
@@ -161,7 +179,7 @@ class AlignedOutlines:
             steps = np.linalg.lstsq(poses, away.T, rcond=None)[0].T
             local = [_moved(points, -step) for points, step in zip(local, steps, strict=True)]
         across = middles[:, 1:] + radii * directions[:, 1]
-        return cls(radii, directions, np.abs(across).max(axis=0), tuple(outline.errors for outline in outlines))
+        return cls(radii, directions, np.abs(across).max(axis=0), tuple(frame.errors for frame in frames))
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -270,20 +288,6 @@ def _moved(points: Floats, step: Floats) -> Floats:
 _LENGTHS = "L_z", "L_a"
 _FEWEST = 3  # frames that give a velocity and its error
 _UNLIKE = 0.2  # of the frames: more that disagree with the others are no chance, but another shape
-_SAMPLING = 0.005  # px: no centroid is located better than that in a picture sampled at whole pixels
-
-
-@dataclass(frozen=True, eq=False)
-class FrameMeasurement:
-    """Place and lengths of a capsule in one frame."""
-
-    frame: int  # from 0
-    place: Floats  # (2,) [px]: of the centroid, along and across the channel
-    place_variance: float  # [px^2]: of its error along
-    lengths: Floats  # (4,) [px]: L_z, L_a, L_p and l; NaN where missing
-    covariance: Floats  # (4, 4) [px^2]: of their errors
-    systematic: Floats  # (4, 4) [px^2]: the part of it that is the same in all frames
-    outline: FrameOutline = field(repr=False)
 
 
 @dataclass(eq=False)
@@ -304,22 +308,8 @@ class FrameRecord:
             if self.picture is None:
                 self.picture, self.detection, self.frame = picture.packed(), detection, frame
             return
-        walls, outline = detection.located()
-        middle = centroid(outline.points)
-        place = np.array([middle @ walls.along, middle @ walls.across])
-        variance = centroid_variance(outline, walls.along) + _SAMPLING**2
-        self.measured.append(
-            FrameMeasurement(
-                frame,
-                place,
-                variance,
-                detection.lengths,
-                detection.covariance,
-                detection.systematic_covariance,
-                FrameOutline.of(detection),
-            )
-        )
-        distance = abs(float(place[0]) - walls.centre_column)
+        self.measured.append(FrameMeasurement.of(frame, detection))
+        distance = abs(float(self.measured[-1].place[0]) - detection.located()[0].centre_column)
         if distance <= self._nearest:
             self.picture, self.detection, self.frame, self._nearest = picture, detection, frame, distance
         elif self.picture is not None and self.picture.grey.dtype == np.float64:  # it has passed the middle
@@ -350,39 +340,37 @@ class FilmCapsule:
     ) -> FilmCapsule:
         """Return the mean of a record, refused unless it is steady; the frame rate is in 1/s."""
         frames = record.measured
-        speed, drifts, outlines = None, dict[str, Drift](), None
-        lengths, covariance, repeat = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
-        alike = np.ones(len(frames), dtype=bool)
-        capsule_velocity = Quantity(np.nan, np.nan, "m/s")
-        if len(frames) < _FEWEST:
+        if len(frames) < _FEWEST or record.detection is None:
             reasons = [(status, count) for status, count in record.statuses.most_common() if not status.ok]
             status = reasons[0][0] if reasons and reasons[0][1] > len(frames) else Status.FEW_FRAMES
-        else:
-            speed, drifts = _motion(frames)
-            outlines = AlignedOutlines.of([measured.outline for measured in frames])
-            alike = outlines.alike
-            status = Status.REPEATED if repeated(*_places(frames)) else _steady(alike, drifts)
-            used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
-            lengths, covariance, repeat = _mean(used, drifts)
-            size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
-            capsule_velocity = _in_si(speed, size, frame_rate)
-            if status.ok and smeared(experiment.exposure, capsule_velocity.value, size.value):
-                status = Status.SMEARED
-        walls = None if record.detection is None else record.detection.walls
+            file = Path(experiment.source) if experiment.source else None
+            refused = Measurement.refused(status, source=str(film), sha256=sha256, experiment_file=file)
+            return cls(status, record, None, {}, np.full(4, np.nan), refused, np.ones(len(frames), dtype=bool))
+        speed, drifts = _motion(frames)
+        outlines = AlignedOutlines.of(frames)
+        alike = outlines.alike
+        status = Status.REPEATED if repeated(*_places(frames)) else _steady(alike, drifts)
+        used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
+        lengths, covariance, repeat = _mean(used, drifts)
+        size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
+        capsule_velocity = _in_si(speed, size, frame_rate)
+        if status.ok and smeared(experiment.exposure, capsule_velocity.value, size.value):
+            status = Status.SMEARED
+        walls, silhouette = record.detection.located()[0], None
+        if status.ok:
+            change = 0.5 * lengths[0] * _unmodelled_error(drifts, "L_z")  # of either end
+            silhouette = outlines.taken(alike).sharpest().silhouette(walls, int(np.sign(speed.value)), change)
         measured = measurement_of_lengths(
             lengths,
             covariance,
             capsule_velocity,
             experiment,
+            outline=silhouette,
             status=status,
-            walls=walls or "",
+            walls=walls,
             source=str(film),
             sha256=sha256,
         )
-        if status.ok and outlines is not None and speed is not None and walls is not None:
-            change = 0.5 * lengths[0] * _unmodelled_error(drifts, "L_z")  # of either end
-            silhouette = outlines.taken(alike).sharpest().silhouette(walls, int(np.sign(speed.value)), change)
-            measured = replace(measured, outline=silhouette)
         return cls(status, record, speed, drifts, repeat, measured, alike)
 
     def table(self) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from capsbayes.image.background import (
     compared_with_bands,
     edge_shift,
     estimate_background,
-    evened,
+    falling_light,
     find_blobs,
     is_shadow,
     runs_upright,
@@ -111,52 +111,40 @@ def over_l(
 # Known faults of the camera are taken out about the middle of the picture, taken to be that of the lens on the axis
 
 
-def straightened_lengths(detection: Detection, columns: int, camera: Camera) -> tuple[Floats, Floats]:
-    """Return the lengths of a detection and the covariance of their errors, with those of the camera's numbers."""
-    walls, outline = detection.located()
-    lengths, sense, half_width = detection.lengths, detection.flow or 1, walls.half_width
-    edge = _from_middle(outline.points, walls, columns)
+def _straightened(
+    detection: Detection, outline: MeasuredOutline | None, columns: int, camera: Camera
+) -> tuple[Floats, Floats, MeasuredOutline | None]:
+    """Return lengths, covariance and silhouette of a detection without the faults of a camera, with their errors."""
+    lines, located = detection.located()
+    half_width, sense = lines.half_width, detection.flow or 1
+    along_across = np.stack([lines.along, lines.across], axis=1) / half_width
+    origin = lines.centred_at(0.5 * (columns - 1)).middle
+    walls = 1.0 + (0.5 * columns / half_width) ** 2 / 3.0  # mean square of their distance from there, over l^2
+    edge = (located.points - origin) @ along_across
     front, back = (edge[np.argmax(side * sense * edge[:, 0])] for side in (1, -1))
-    hollow = np.array([front[0] - sense * lengths[1] / half_width, 0.0])
-    points, away = np.array([front, back, hollow]), _walls_at(half_width, columns)
-    true, seen = (np.abs(each[0, 0] - each[1:, 0]) for each in (camera.straightened(points, walls=away), points))
+    hollow = np.array([front[0] - sense * detection.lengths[1] / half_width, 0.0])
+    points = np.array([front, back, hollow])
+    true, seen = (np.abs(each[0, 0] - each[1:, 0]) for each in (camera.straightened(points, walls=walls), points))
     factors = np.append(true / seen, [1.0, 1.0])
     # L_p is no length of its own, and is seldom read: that of the others
-    lengths = lengths * factors
+    lengths = detection.lengths * factors
     lengths[2] = lengths[0] - lengths[1]
-    errors = camera.errors_of(points, walls=away)
+    errors = camera.errors_of(points, walls=walls)
     off = half_width * (errors[:, :1, 0] - errors[:, 1:, 0])
     covariance = detection.covariance * np.outer(factors, factors)
     covariance[:2, :2] += off.T @ off
-    return lengths, covariance
-
-
-def straightened_silhouette(
-    outline: MeasuredOutline, detection: Detection, columns: int, camera: Camera
-) -> MeasuredOutline:
-    """Return the silhouette of a detection in a picture of so many columns, with the camera's errors in its pose."""
-    lines, flow = detection.located()[0], [detection.flow, 1]
-    middle = _from_middle(detection.axis[None], lines, columns)[0] * flow
-    walls, places = _walls_at(lines.half_width, columns), outline.points + middle
-    true = camera.straightened(places * flow, walls=walls) * flow
+    if outline is None:
+        return lengths, covariance, None
+    flow = [sense, 1]
+    middle = (detection.axis - origin) @ along_across * flow
+    places = camera.straightened((outline.points + middle) * flow, walls=walls) * flow
     pose = replace(
         outline.pose,
         **{name: value.sd for name, value in camera.stated.items()},
-        middle=float(0.5 * (true[:, 0].max() + true[:, 0].min())),
+        middle=float(0.5 * (places[:, 0].max() + places[:, 0].min())),
         walls=walls,
     )
-    return replace(outline, points=true - middle, pose=pose)
-
-
-def _from_middle(points: Floats, walls: WallLines, columns: int) -> Floats:
-    """Return points (m, 2) [px] along and across the channel from the middle of the picture on its axis, over l."""
-    away = (points - walls.centred_at(0.5 * (columns - 1)).middle) / walls.half_width
-    return np.stack([away @ walls.along, away @ walls.across], axis=1)
-
-
-def _walls_at(half_width: float, columns: int) -> float:
-    """Return the mean square distance over l^2 of the walls from the middle of a picture [px]."""
-    return 1.0 + (0.5 * columns / half_width) ** 2 / 3.0
+    return lengths, covariance, replace(outline, points=places - middle, pose=pose)
 
 
 # The capsule in one picture: its lengths, their errors, and the edges that they were read from
@@ -181,9 +169,8 @@ def detect(
         return Detection(Status.BACKGROUND_DIFFERS)
     width = None if half_width is None else Quantity.of(half_width, "half_width", where="detect")
     rows, columns = part = by_hand.part(picture.shape)
-    stated = by_hand.lines_in_part(picture.shape, width)
-    empty = None if background is None else background.cut(part)
-    seen = picture.cut(part)
+    stated = by_hand.lines(picture.shape, width)
+    seen, empty = picture.cut(part), background and background.cut(part)
     if empty is not None:
         check_light(seen, empty)
     contrast = Contrast.of([seen.grey], None if empty is None else empty.grey, stated, by_hand.contrast)
@@ -192,42 +179,34 @@ def detect(
         check_place(shown.grey, ground, contrast.walls)
     if (walls := contrast.walls) is None or (stated is not None and runs_upright(seen.grey, by_hand.contrast)):
         return Detection(Status.UPRIGHT if runs_upright(seen.grey, by_hand.contrast) else Status.NO_WALLS)
-    if even := evened((shown, ground) if ground else (shown,), walls):
-        shown, ground = even[0], ground and even[-1]
-        walls = stated or find_walls(even[-1].grey) or walls
+    if (light := falling_light((ground or shown).grey, walls)) is not None:
+        shown, ground = replace(shown, grey=shown.grey / light), ground and replace(ground, grey=ground.grey / light)
+        walls = stated or find_walls((ground or shown).grey) or walls
     if stated is not None:
         walls = compared_with_bands(walls, (ground or shown).grey)
-    found = _detect(shown, ground, walls, direction, by_hand.erased_in_part(picture.shape))
-    return found.moved(columns.start, rows.start)
-
-
-def _detect(
-    picture: Picture, background: Picture | None, walls: WallLines, direction: int, erased: Floats | None
-) -> Detection:
-    """Find a dark capsule between the walls in the part of a picture that is analysed."""
-    empty = estimate_background(picture.grey, walls) if background is None else background.grey
-    near = walls.rows_around(picture.shape)
-    seen = picture.cut((near, slice(None)))
+    level = estimate_background(shown.grey, walls) if ground is None else ground.grey
+    near, erased = walls.rows_around(shown.shape), by_hand.erased_in_part(picture.shape)
     if erased is not None:
         erased = erased - np.array([0, near.start, 0, near.start])
-    return _between(seen, empty[near], walls.moved(0, -near.start), direction, erased).moved(0, near.start)
+    around = shown.cut((near, slice(None))), level[near], walls.moved(0, -near.start)
+    return _between(*around, direction, erased).moved(columns.start, rows.start + near.start)
 
 
 def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, erased: Floats | None) -> Detection:
     """Find a dark capsule in the rows of a picture around the walls."""
-    between = np.abs(walls.offset(picture.shape)) < walls.half_width
+    between = walls.between(picture.shape)
     clipped = picture.grey[picture.clipped & between]
     if len(clipped) > CLIPPED * np.count_nonzero(between):
         return Detection(Status.BLACK if np.median(clipped) <= 0.0 else Status.SATURATED, walls)
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
-    found = find_blobs(light, walls, noise, erased)
-    blobs = [blob for blob in found if blob.status is not Status.DEBRIS]
-    if len(blobs) == 1:
-        detection = analyse_blob(light, noise, walls, blobs[0], direction, edge_shift(light, walls, found))
+    blobs = find_blobs(light, walls, noise, erased)
+    capsules = [blob for blob in blobs if blob.status is not Status.DEBRIS]
+    if len(capsules) == 1:
+        detection = analyse_blob(light, noise, walls, capsules[0], direction, edge_shift(light, walls, blobs))
     else:
-        detection = Detection(Status.SEVERAL_CAPSULES if blobs else Status.NO_CAPSULE, walls)
-    if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in found):
+        detection = Detection(Status.SEVERAL_CAPSULES if capsules else Status.NO_CAPSULE, walls)
+    if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in blobs):
         return replace(detection, status=Status.SHADED)
     dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
     if len(dead) and np.abs(detection.ends[:, None] - dead).min() < _NEAR:
@@ -279,13 +258,19 @@ def measure(
         If a file is missing or not a picture, `flow` is another word, or what is stated by hand does not suit the
         picture.
     """
-    rate = None if flow_rate is None else Quantity.of(flow_rate, "flow_rate", where="measure")
-    if capsule_velocity is not None or (rate is None and experiment.viscous_tension is None):
-        capsule_velocity = Quantity.of(capsule_velocity, "capsule_velocity", where="measure")
+    speed, rate = speeds_of("measure", capsule_velocity, flow_rate)
+    if speed is None and rate is None and experiment.viscous_tension is None:
+        Quantity.of(None, "capsule_velocity", where="measure")  # refuses that it is missing
     empty = None if background is None else read_picture(background)
     seen, empty, by_hand = turned(read_picture(picture), empty, by_hand)
     detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
-    return measurement_of(detection, seen, experiment, capsule_velocity, rate)
+    return measurement_of(detection, seen, experiment, speed, rate)
+
+
+def speeds_of(where: str, velocity: Given | None, flow_rate: Given | None) -> tuple[Quantity | None, Quantity | None]:
+    """Return the velocity of a capsule and the flow rate as quantities where they are given."""
+    speed = None if velocity is None else Quantity.of(velocity, "capsule_velocity", where=where)
+    return speed, None if flow_rate is None else Quantity.of(flow_rate, "flow_rate", where=where)
 
 
 def turned(
@@ -305,30 +290,27 @@ def measurement_of(
     flow_rate: Quantity | None = None,
 ) -> Measurement:
     """Return the measurement that follows from a detection in a picture, refused unless its status is ``DONE``."""
-    status = detection.status
-    width = experiment.half_width.mean
+    status, width = detection.status, experiment.half_width.mean
     speeds = [] if capsule_velocity is None else [capsule_velocity.value]
     if flow_rate is not None:  # a capsule is not slower than the mean flow
         speeds.append(flow_rate.value / (AREAS[experiment.cross_section] * width**2))
-    if status.ok and speeds:
-        pixel_size = width / float(detection.lengths[3])
-        status = Status.SMEARED if smeared(experiment.exposure, speeds[0], pixel_size) else status
+    if status.ok and speeds and smeared(experiment.exposure, speeds[0], width / float(detection.lengths[3])):
+        status = Status.SMEARED
     lengths, covariance, outline = detection.lengths, detection.covariance, silhouette_of(detection)
-    if status.ok and (camera := experiment.camera) is not None:
-        columns = picture.shape[1]
-        lengths, covariance = straightened_lengths(detection, columns, camera)
-        outline = outline and straightened_silhouette(outline, detection, columns, camera)
-    measured = measurement_of_lengths(
+    if status.ok and experiment.camera is not None:
+        lengths, covariance, outline = _straightened(detection, outline, picture.shape[1], experiment.camera)
+    return measurement_of_lengths(
         lengths,
         covariance,
         capsule_velocity,
-        replace(experiment, camera=None),
+        experiment,
+        flow_rate=flow_rate,
+        outline=outline,
         status=status,
         walls=detection.walls or "",
         source=picture.source,
         sha256=picture.sha256,
     )
-    return replace(measured, outline=outline).flowing(flow_rate) if status.ok else measured
 
 
 def measurement_of_lengths(
@@ -337,20 +319,18 @@ def measurement_of_lengths(
     capsule_velocity: Quantity | None,
     experiment: Experiment,
     *,
+    flow_rate: Quantity | None = None,
+    outline: MeasuredOutline | None,
     status: Status = Status.DONE,
-    walls: WallLines | str = "",
-    source: str = "",
-    sha256: str = "",
+    walls: WallLines | str,
+    source: str,
+    sha256: str,
 ) -> Measurement:
-    """Return the measurement that follows from lengths in pixels."""
-    if experiment.camera is not None:
-        expected = "none for a film: single pictures, events and contours alone are corrected"
-        raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
+    """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
-    half_width = lengths[3]
-    scale, relative_error = 1.0 / half_width, np.sqrt(covariance[3, 3]) / half_width
+    scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
     known = [0, 1] if np.isfinite(lengths[1]) else [0]
     scaled = lengths[known] * scale
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
@@ -365,7 +345,8 @@ def measurement_of_lengths(
         source=source,
         sha256=sha256,
         experiment_file=file,
-    )
+        outline=outline,
+    ).flowing(flow_rate)
     if len(known) == 1:
         return replace(measured, axial_length_bound=float(scaled[0] + 2.0 * errors[0]))
     return replace(

@@ -77,8 +77,8 @@ def repeated(frames: Floats, places: Floats, variance: Floats) -> bool:
     step = float(np.quantile(steps, _MOVING))
     distinct = step > _DISTINCT * np.sqrt(2.0 * float(variance.max()))
     still = (steps == 0.0) | (distinct & (steps < _STILL * step))
-    some = np.count_nonzero(~still & (steps < 0.5 * step))
-    return bool(step > 0.0 and np.mean(still) > _COPIES and some <= _STILL * len(steps))
+    short = np.count_nonzero(~still & (steps < 0.5 * step))
+    return bool(step > 0.0 and np.mean(still) > _COPIES and short <= _STILL * len(steps))
 
 
 def velocity(frames: Floats, places: Floats, variance: Floats) -> Velocity:

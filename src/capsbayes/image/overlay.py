@@ -43,7 +43,7 @@ def overlay(picture: Picture, detection: Detection) -> NDArray[np.uint8]:
     elif detection.blob is not None:
         canvas.line(list(detection.blob.polygon), REAR, closed=True)
     if detection.nose is not None and detection.end is not None:
-        _lengths(canvas, detection)
+        _lengths(canvas, detection, detection.nose.distance, detection.end.distance)
     return canvas.pixels
 
 
@@ -113,16 +113,12 @@ def _outline(canvas: _Canvas, outline: EdgeOutline) -> None:
             canvas.line(list(points[part]), OUTLINE)
 
 
-def _lengths(canvas: _Canvas, detection: Detection) -> None:
-    walls, nose, end = detection.walls, detection.nose, detection.end
-    assert walls is not None
-    assert nose is not None
-    assert end is not None
-    downstream = (detection.flow or 1) * walls.along
-    axis = detection.axis
-    tip = axis + nose.distance * downstream
-    canvas.arrow(axis - end.distance * downstream - 6.0 * walls.across, tip - 6.0 * walls.across, EXTENT)
+def _lengths(canvas: _Canvas, detection: Detection, nose: float, end: float) -> None:
+    """Draw L_z above the axis, L_a below it and the rear, from the distances of the ends along the flow."""
+    walls, axis = detection.located()[0], detection.axis
+    downstream, aside = (detection.flow or 1) * walls.along, 6.0 * walls.across
+    tip = axis + nose * downstream
+    canvas.arrow(axis - end * downstream - aside, tip - aside, EXTENT)
     if detection.rear is not None and (line := detection.rear_line()) is not None:
-        on_axis = axis + (detection.rear.depth - end.distance) * downstream
         canvas.line(list(line), REAR)
-        canvas.arrow(on_axis + 6.0 * walls.across, tip + 6.0 * walls.across, LENGTH)
+        canvas.arrow(axis + (detection.rear.depth - end) * downstream + aside, tip + aside, LENGTH)

@@ -24,16 +24,19 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
 from capsbayes.image.edges import pixel_noise
 from capsbayes.image.files import MOST_IN_FRAMES, Picture, check_pixels, evenly_spaced
-from capsbayes.image.measure import check_flow, measurement_of
+from capsbayes.image.measure import check_flow, measurement_of, speeds_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
 
 # Files of real-time deformability cytometry (.rtdc): HDF5 with a picture and a mask for each event
 
-_MICROMETRE = 1e-6  # the unit of the file's lengths
-_MICROSECOND = 1e-6
-_MICROLITRE = 1e-9
+_UNITS = {  # of numbers that a file states, with their values in SI
+    "imaging:pixel size": ("micrometres", 1e-6),
+    "setup:channel width": ("micrometres", 1e-6),
+    "imaging:flash duration": ("microseconds", 1e-6),
+    "setup:flow rate": ("microlitres a second", 1e-9),
+}
 _LARGEST_CHUNK = 2**28  # bytes that are in memory together
 
 
@@ -61,14 +64,11 @@ class RtdcFile:
             shapes = [file[name].shape[1:] for name in ("events/image", "events/mask")]
             if shapes[0] != shapes[1]:
                 raise InputError(where, "events/mask", f"masks of {_size(shapes[0])}", _size(shapes[1]))
-            keys = ("imaging:pixel size", "setup:channel width")
-            pixel, width = (_positive(file.attrs.get(key), where, key) * _MICROMETRE for key in keys)
-            flash = file.attrs.get("imaging:flash duration")
-            if flash is not None:
-                flash = _positive(flash, where, "imaging:flash duration", "microseconds") * _MICROSECOND
-            rate = file.attrs.get("setup:flow rate")
-            if rate is not None:
-                rate = _positive(rate, where, "setup:flow rate", "microlitres a second") * _MICROLITRE
+            pixel, width = (_number(file, key, where) for key in ("imaging:pixel size", "setup:channel width"))
+            flash, rate = (
+                _number(file, key, where) if key in file.attrs else None
+                for key in ("imaging:flash duration", "setup:flow rate")
+            )
             count, masks = len(file["events/image"]), len(file["events/mask"])
             if not min(count, masks):
                 raise InputError(where, "events", "at least one event", "none")
@@ -127,10 +127,12 @@ def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape[::-1]))
 
 
-def _positive(value: object, where: str, key: str, unit: str = "micrometres") -> float:
+def _number(file: Any, key: str, where: str) -> float:
+    """Return a positive number that a file states, in SI."""
+    value, (unit, size) = file.attrs.get(key), _UNITS[key]
     if not isinstance(value, (int, float, np.number)) or not (np.isfinite(value) and value > 0.0):
         raise InputError(where, key, f"a positive number of {unit}", "nothing" if value is None else f"{value!s:.40}")
-    return float(value)
+    return float(value) * size
 
 
 # The mask selects the object, whose edge is located in the picture: contours through the pixel centres of a mask lie
@@ -181,11 +183,7 @@ def measure_rtdc(
 ) -> Iterator[Event]:
     """Measure event after event."""
     file = file if isinstance(file, RtdcFile) else RtdcFile.open(file)
-    speed = rate = None
-    if shared_velocity is not None:
-        speed = Quantity.of(shared_velocity, "capsule_velocity", where="measure_rtdc")
-    if flow_rate is not None:
-        rate = Quantity.of(flow_rate, "flow_rate", where="measure_rtdc")
+    speed, rate = speeds_of("measure_rtdc", shared_velocity, flow_rate)
     if speed is None and rate is None and experiment.viscous_tension is None:
         raise _without_velocity(file)
     if rate is not None and file.flow_rate and not 1.0 / _RATES < rate.value / file.flow_rate < _RATES:
@@ -199,8 +197,7 @@ def measure_rtdc(
     empty = temporal_median([image for image, _ in seen])
     walls = _walls(empty, experiment, pixel_size, axis)
     gain = transmission(np.ones_like(empty), empty)
-    shifts = [edge_shift(image * gain, walls, [blob_of_mask(mask, walls)]) for image, mask in seen]
-    shift = float(np.median(shifts))
+    shift = float(np.median([edge_shift(image * gain, walls, [blob_of_mask(mask, walls)]) for image, mask in seen]))
     flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
     known = replace(experiment, exposure=experiment.exposure or flash)
     chosen = range(file.events) if events is None else list(events)
@@ -235,8 +232,7 @@ def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity)
 
 def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any) -> WallLines:
     """Return the walls around the axis that is stated, by default where the empty channel is darkest."""
-    shape = empty.shape
-    walls = ByHand(pixel_size=pixel_size, axis=axis).lines(shape, experiment.half_width)
+    walls = ByHand(pixel_size=pixel_size, axis=axis).lines(empty.shape, experiment.half_width)
     assert walls is not None, "a pixel size is stated"
     if axis is not None:
         return walls

@@ -82,6 +82,10 @@ class WallLines:
         below, right = rows[:, None] - self.centre_row, columns - self.centre_column
         return np.asarray(below * self.across[1] + right * self.across[0])
 
+    def between(self, shape: tuple[int, ...], aside: float = 0.0) -> Booleans:
+        """Return which pixels of a picture lie between the walls and farther from them than so much [px]."""
+        return np.asarray(np.abs(self.offset(shape)) < self.half_width - aside)
+
     def moved(self, right: float, down: float) -> WallLines:
         """Return the same lines in a picture whose first pixel lies further left and further up by so much [px]."""
         row, column = float(self.centre_row + down), float(self.centre_column + right)
