@@ -27,11 +27,20 @@ from capsbayes.errors import InputError
 
 InvariantDerivatives = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
 
+_STIFFEST = 1e6  # area dilation modulus beyond which the area cannot change in double precision
+
 
 def mixed(share: float, soft: InvariantDerivatives, hard: InvariantDerivatives) -> InvariantDerivatives:
     """Return the derivatives of the energy (1 - share) W_soft + share W_hard."""
-    w, w1, w2, w11, w12, w22 = ((1.0 - share) * one + share * other for one, other in zip(soft, hard, strict=True))
+    w, w1, w2, w11, w12, w22 = (
+        (1.0 - share) * of_soft + share * of_hard for of_soft, of_hard in zip(soft, hard, strict=True)
+    )
     return w, w1, w2, w11, w12, w22
+
+
+def _shown(value: float) -> str:
+    """Return a parameter with all its digits, as names of laws have it."""
+    return np.format_float_positional(value, trim="-")
 
 
 @dataclass(frozen=True)
@@ -105,6 +114,11 @@ class MembraneLaw(abc.ABC):
         isotropic = 2.0 * w2 * l1 * l2
         return np.stack([2.0 * w1 * l1 / l2 + isotropic, 2.0 * w1 * l2 / l1 + isotropic], axis=-1)
 
+    def _check(self, name: str, allowed: bool, expected: str) -> None:
+        """Refuse a parameter that is not allowed."""
+        if not allowed:
+            raise InputError(type(self).__name__, name, expected, str(getattr(self, name)))
+
 
 # Neo-Hookean law: a thin sheet of incompressible rubber
 
@@ -133,7 +147,6 @@ class NeoHookean(MembraneLaw):
     area_dilation_modulus: ClassVar[float] = 3.0
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         thinning = 1.0 / (i2 + 1.0)  # square of the thickness over that at rest
         zero = np.zeros_like(thinning)
         return (
@@ -147,8 +160,6 @@ class NeoHookean(MembraneLaw):
 
 
 # Skalak's law: a sheet that hardens with strain and may resist area dilation more than shear
-
-_HARDEST = 1e6  # beyond it the area of the membrane cannot change in double precision
 
 
 @dataclass(frozen=True)
@@ -178,23 +189,18 @@ class Skalak(MembraneLaw):
     hardening: float = 1.0
 
     def __post_init__(self) -> None:
-        if not -0.5 < self.hardening < math.inf:
-            raise InputError("Skalak", "hardening", "a finite number above -0.5", str(self.hardening))
-        if self.hardening > _HARDEST:
-            raise InputError("Skalak", "hardening", f"a number of at most {_HARDEST:g}", str(self.hardening))
+        self._check("hardening", -0.5 < self.hardening < math.inf, "a finite number above -0.5")
+        self._check("hardening", self.hardening <= _STIFFEST, f"a number of at most {_STIFFEST:g}")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
-        return f"Skalak C = {np.format_float_positional(self.hardening, trim='-')}"
+        return f"Skalak C = {_shown(self.hardening)}"
 
     @property
     def area_dilation_modulus(self) -> float:
-        """Area dilation modulus K_s / G_s [-]."""
         return 1.0 + 2.0 * self.hardening
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         c = self.hardening
         return (
             0.25 * (i1**2 + 2.0 * i1 - 2.0 * i2 + c * i2**2),
@@ -236,21 +242,17 @@ class GeneralisedHooke(MembraneLaw):
     poisson_ratio: float = 0.5
 
     def __post_init__(self) -> None:
-        if not -1.0 < self.poisson_ratio < 1.0:
-            raise InputError("GeneralisedHooke", "poisson_ratio", "a number between -1 and 1", str(self.poisson_ratio))
+        self._check("poisson_ratio", -1.0 < self.poisson_ratio < 1.0, "a number between -1 and 1")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
-        return f"generalised Hooke nu_s = {np.format_float_positional(self.poisson_ratio, trim='-')}"
+        return f"generalised Hooke nu_s = {_shown(self.poisson_ratio)}"
 
     @property
     def area_dilation_modulus(self) -> float:
-        """Area dilation modulus K_s / G_s [-]."""
         return (1.0 + self.poisson_ratio) / (1.0 - self.poisson_ratio)
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         curvature = 0.5 / (1.0 - self.poisson_ratio)
         return (
             0.5 * (curvature * i1**2 + i1 - i2),
@@ -278,25 +280,21 @@ class HookeShare(MembraneLaw):
     area_dilation_modulus: ClassVar[float] = 3.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.hooke_share <= 1.0:
-            raise InputError("HookeShare", "hooke_share", "a number from 0 to 1", str(self.hooke_share))
+        self._check("hooke_share", 0.0 <= self.hooke_share <= 1.0, "a number from 0 to 1")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
         if self.hooke_share in (0.0, 1.0):
             return (_HOOKE if self.hooke_share else _RUBBER).name
-        share = np.format_float_positional(self.hooke_share, trim="-")
-        return f"{_RUBBER.name} with a share {share} of {_HOOKE.name}"
+        return f"{_RUBBER.name} with a share {_shown(self.hooke_share)} of {_HOOKE.name}"
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         return mixed(self.hooke_share, _RUBBER.derivatives(i1, i2), _HOOKE.derivatives(i1, i2))
 
 
 # A law between the neo-Hookean and Skalak's: rubber that hardens with strain
 
-_NEO_HOOKEAN, _HARDENING = NeoHookean(), Skalak(hardening=1.0)
+_HARDENING = Skalak(hardening=1.0)
 
 
 @dataclass(frozen=True)
@@ -327,25 +325,19 @@ class StrainHardening(MembraneLaw):
     area_dilation_modulus: ClassVar[float] = 3.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.strain_hardening <= 1.0:
-            raise InputError("StrainHardening", "strain_hardening", "a number from 0 to 1", str(self.strain_hardening))
+        self._check("strain_hardening", 0.0 <= self.strain_hardening <= 1.0, "a number from 0 to 1")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
         if self.strain_hardening == 0.0:
-            return _NEO_HOOKEAN.name
-        share = np.format_float_positional(self.strain_hardening, trim="-")
-        return f"{_RUBBER.name} with strain hardening h = {share}"
+            return _RUBBER.name
+        return f"{_RUBBER.name} with strain hardening h = {_shown(self.strain_hardening)}"
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
-        return mixed(self.strain_hardening, _NEO_HOOKEAN.derivatives(i1, i2), _HARDENING.derivatives(i1, i2))
+        return mixed(self.strain_hardening, _RUBBER.derivatives(i1, i2), _HARDENING.derivatives(i1, i2))
 
 
 # The law of Evans and Skalak: shear at constant area and change of area store their energies apart
-
-_LARGEST_DILATION = 1e6  # modulus beyond which the area cannot change in double precision
 
 
 @dataclass(frozen=True)
@@ -372,17 +364,14 @@ class EvansSkalak(MembraneLaw):
     area_dilation_modulus: float = 3.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.area_dilation_modulus <= _LARGEST_DILATION:
-            expected, got = f"a positive number of at most {_LARGEST:g}", str(self.area_dilation_modulus)
-            raise InputError("EvansSkalak", "area_dilation_modulus", expected, got)
+        allowed = 0.0 < self.area_dilation_modulus <= _STIFFEST
+        self._check("area_dilation_modulus", allowed, f"a positive number of at most {_STIFFEST:g}")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
-        return f"Evans-Skalak K_s/G_s = {np.format_float_positional(self.area_dilation_modulus, trim='-')}"
+        return f"Evans-Skalak K_s/G_s = {_shown(self.area_dilation_modulus)}"
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         modulus, squares, area = self.area_dilation_modulus, i1 + 2.0, np.sqrt(1.0 + i2)
         growth = i2 / (1.0 + area)  # J - 1 without cancellation
         apart = (i1 - 2.0 * growth) / (2.0 * area)  # (l1 - l2)^2 / (2 J)
@@ -434,21 +423,15 @@ class GeneralLaw(MembraneLaw):
     strain_hardening: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.area_dilation_modulus <= _LARGEST:
-            expected, got = f"a number from 1 to {_LARGEST:g}", str(self.area_dilation_modulus)
-            raise InputError("GeneralLaw", "area_dilation_modulus", expected, got)
-        if not 0.0 <= self.strain_hardening <= 1.0:
-            raise InputError("GeneralLaw", "strain_hardening", "a number from 0 to 1", str(self.strain_hardening))
+        allowed = 1.0 <= self.area_dilation_modulus <= _LARGEST
+        self._check("area_dilation_modulus", allowed, f"a number from 1 to {_LARGEST:g}")
+        self._check("strain_hardening", 0.0 <= self.strain_hardening <= 1.0, "a number from 0 to 1")
 
     @property
     def name(self) -> str:
-        """Name stored in databases."""
-        values = self.area_dilation_modulus, self.strain_hardening
-        modulus, share = (np.format_float_positional(value, trim="-") for value in values)
-        return f"general K_s/G_s = {modulus}, h = {share}"
+        return f"general K_s/G_s = {_shown(self.area_dilation_modulus)}, h = {_shown(self.strain_hardening)}"
 
     def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
-        """Compute the energy and its derivatives with respect to the invariants; see `MembraneLaw.derivatives`."""
         m = (self.area_dilation_modulus - 1.0) / 2.0
         growth = np.log1p(i2)
         power = np.exp(-m * growth) / (1.0 + i2)

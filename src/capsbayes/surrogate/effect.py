@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import factorial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -18,18 +18,19 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.model import CoordinateRange, Domain, ForwardModel
+from capsbayes.model import CoordinateRange, Domain
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.diffuse import hermite
 from capsbayes.surrogate.plane import (
     COLUMNS,
     BranchSurrogate,
+    DatabaseModel,
     OwnError,
     PlaneSurrogate,
+    aligned,
     between_columns,
     bilinear,
-    with_unsure_shapes,
 )
 
 # Interpolation along one coordinate as weights of the values at its knots.
@@ -42,7 +43,6 @@ from capsbayes.surrogate.plane import (
 FEWEST_KNOTS = 3  # without one of them, two still give a slope
 
 
-@dataclass(frozen=True, eq=False)
 class CardinalCubics:
     """Weights of the values at k rising knots, cubics in each of the k - 1 intervals.
 
@@ -51,38 +51,31 @@ class CardinalCubics:
     [-0.0625, 0.5833, 0.5, -0.0208]
     """
 
-    # `cubics` are coefficients, from the constant on, of the weights as polynomials of the distance from the lower
-    # knot; NaN beyond the known knots. `left_out` are, for the known knots at the two ends of an interval, the weights
-    # that give the value there from all other known knots less the value itself, over the root of the number of such
-    # knots: the mean square of the two is the sum of squares. Zero at the first and the last known knot, which others
-    # cannot give.
+    # `cubics` (k - 1, 4, k) are coefficients, from the constant on, of the weights as polynomials of the distance from
+    # the lower knot; NaN beyond the known knots. `left_out` (k - 1, 2, k) are, for the known knots `ends` (k - 1, 2) at
+    # the two ends of an interval, the weights that give the value there from all other known knots less the value
+    # itself, over the root of the number of such knots: the mean square of the two is the sum of squares. Zero at the
+    # first and the last known knot, which others cannot give.
 
-    knots: Floats  # (k,)
-    known: Booleans  # (k,): whether there is a value, at least `FEWEST_KNOTS` of them
-    cubics: Floats = field(init=False, repr=False)  # (k - 1, 4, k)
-    left_out: Floats = field(init=False, repr=False)  # (k - 1, 2, k)
-    ends: Floats = field(init=False, repr=False)  # (k - 1, 2): the known knots next to each interval
-
-    def __post_init__(self) -> None:
-        count, rows = len(self.knots), np.flatnonzero(self.known)
+    def __init__(self, knots: Floats, known: Booleans) -> None:
+        count, rows, one_each = len(knots), np.flatnonzero(known), np.eye(len(knots))
         if len(rows) < FEWEST_KNOTS:
             raise ValueError(f"known: expected at least {FEWEST_KNOTS} knots with a value, got {len(rows)}")
-        cubics, ends = np.full((count - 1, 4, count), np.nan), np.full((count - 1, 2), np.nan)
-        left_out = np.zeros((count - 1, 2, count))
-        spline = _through(self.knots[rows], np.eye(count)[rows])
+        self.knots = knots
+        self.cubics, self.ends = np.full((count - 1, 4, count), np.nan), np.full((count - 1, 2), np.nan)
+        self.left_out = np.zeros((count - 1, 2, count))
+        spline = _through(knots[rows], one_each[rows])
         for i in range(rows[0], rows[-1]):
             for power in range(4):
-                cubics[i, power] = spline(self.knots[i], nu=power) / factorial(power)
+                self.cubics[i, power] = spline(knots[i], nu=power) / factorial(power)
             around = rows[rows <= i][-1], rows[rows > i][0]
-            ends[i] = self.knots[list(around)]
+            self.ends[i] = knots[list(around)]
             inner = [rows[0] < end < rows[-1] for end in around]
             for side, end in enumerate(around):
                 if inner[side]:
                     others = rows[rows != end]
-                    rest = _through(self.knots[others], np.eye(count)[others])
-                    left_out[i, side] = (rest(self.knots[end]) - np.eye(count)[end]) / np.sqrt(sum(inner))
-        for name, value in {"cubics": cubics, "left_out": left_out, "ends": ends}.items():
-            object.__setattr__(self, name, value)
+                    rest = _through(knots[others], one_each[others])
+                    self.left_out[i, side] = (rest(knots[end]) - one_each[end]) / np.sqrt(sum(inner))
 
     def weights(self, place: float) -> Floats:
         """Return the weights of the values at the knots in the value at a place : (k,) array, NaN beyond the known."""
@@ -308,15 +301,6 @@ def covered(ca, size, effect, weighing):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _weigh(effect, interval, row, weighing, weights):  # type: ignore[no-untyped-def]
-    """Fill in the weights (k,) of the slices."""
-    distance = effect - weighing.knots[interval]
-    cubics = weighing.cubics[row, interval]
-    for j in range(len(weights)):
-        weights[j] = cubics[0, j] + distance * (cubics[1, j] + distance * (cubics[2, j] + distance * cubics[3, j]))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _ends(j, branch, column, share, stack):  # type: ignore[no-untyped-def]
     """Return the lowest and the highest Ca of a branch of surrogate j, between two columns."""
     below, above = (1, 2) if branch == 0 else (0, 1)
@@ -397,33 +381,48 @@ def _apart(j, there, there_of_null, branch, column, share, stack, null):  # type
     return min(abs(root - root_of_null) / stack.frames[branch, null, 0] + unlike**2, 1.0)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _correspond(ca, size, effect, stack, base, weighing, position, own, places, weights, apart, every):  # type: ignore[no-untyped-def]
+    """Return interval, branch and row of one point, see `located`, and whether the mesh is corrected there.
+
+    Fill in Ca and weight (k + 2,) of what is added up: each slice, the null slice as it is subtracted, and the base;
+    and the share (k,) of the error of a slice that has nothing to do with that of the null slice. Unless `every` is
+    true, the Ca and the share of slices that do not count are left as they are.
+    """
+    count, null = len(weighing.knots), weighing.null
+    interval, branch, column, row = located(ca, size, effect, weighing, position)
+    if row < 0:
+        return interval, branch, row, False
+    distance, share = effect - weighing.knots[interval], position[1]
+    corrected = base.known[branch, 0, column] and stack.known[branch, null, column]
+    weights[count], weights[count + 1] = (-1.0, 1.0) if corrected else (0.0, 0.0)
+    if corrected:
+        _within_base(ca, distance, interval, branch, column, share, weighing, base, own)
+        places[count], places[count + 1] = (
+            _there(null, branch, column, own, stack),
+            _there(0, branch, column, own, base),
+        )
+    cubics, left_out = weighing.cubics[row, interval], weighing.left_out[row, interval]
+    for j in range(count):
+        weights[j] = cubics[0, j] + distance * (cubics[1, j] + distance * (cubics[2, j] + distance * cubics[3, j]))
+        if every or weights[j] != 0.0 or left_out[:, j].any():
+            places[j] = _there(j, branch, column, position, stack)
+            if corrected:
+                apart[j] = _apart(j, places[j], places[count], branch, column, share, stack, null)
+    return interval, branch, row, corrected
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def corresponding(ca, size, effect, stack, base, weighing, branches, places, weights, apart):  # type: ignore[no-untyped-def]
-    """Fill in for each point its branch (n,), -1 outside, and Ca and weight (n, k + 2) of what is added up.
-
-    These are each slice, the null slice as it is subtracted, and the base. `apart` (n, k) is the share of the error of
-    a slice that has nothing to do with that of the null slice.
-    """
-    position, own, count = np.empty(4), np.empty(4), len(weighing.knots)
+    """Fill in for each point its branch (n,), -1 outside, and what `_correspond` does, (n, k + 2) and (n, k)."""
+    position, own, count, null = np.empty(4), np.empty(4), len(weighing.knots), weighing.null
     for n in range(len(ca)):
-        interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
+        _, branch, row, corrected = _correspond(
+            ca[n], size[n], effect[n], stack, base, weighing, position, own, places[n], weights[n], apart[n], True
+        )
         branches[n] = branch if row >= 0 else -1
-        if row < 0:
-            continue
-        _weigh(effect[n], interval, row, weighing, weights[n, :count])
-        for j in range(count):
-            places[n, j] = _there(j, branch, column, position, stack)
-        corrected = base.known[branch, 0, column] and stack.known[branch, weighing.null, column]
-        distance = effect[n] - weighing.knots[interval]
-        _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
-        places[n, count] = _there(weighing.null, branch, column, own, stack)
-        places[n, count + 1] = _there(0, branch, column, own, base)
-        weights[n, count] = -1.0 if corrected else 0.0
-        weights[n, count + 1] = 1.0 if corrected else 0.0
-        for j in range(count):
-            apart[n, j] = _apart(j, places[n, j], places[n, count], branch, column, position[1], stack, weighing.null)
-        if corrected and abs(places[n, count] - places[n, weighing.null]) < 1e-12:  # one place: one evaluation, or none
-            weights[n, weighing.null] -= 1.0
+        if corrected and abs(places[n, count] - places[n, null]) < 1e-12:  # one place: one evaluation, or none
+            weights[n, null] -= 1.0
             weights[n, count] = 0.0
 
 
@@ -445,46 +444,41 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
     """
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
-    position, own, weights, no_slopes = np.empty(4), np.empty(4), np.empty(count), np.empty((0, 2))
+    position, own, apart, no_slopes = np.empty(4), np.empty(4), np.ones(count), np.empty((0, 2))
+    places, weights = np.empty(count + 2), np.empty(count + 2)
     of_slices, of_base, of_null = np.zeros((count, q)), np.empty(q), np.empty(q)
     error, difference, jump = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     error_of_null, of_mesh, of_gap = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(ca)):
-        interval, branch, column, row = located(ca[n], size[n], effect[n], weighing, position)
+        interval, branch, row, corrected = _correspond(
+            ca[n], size[n], effect[n], stack, base, weighing, position, own, places, weights, apart, False
+        )
         if row < 0:
             continue
-        _weigh(effect[n], interval, row, weighing, weights)
         left_out, total = weighing.left_out[row, interval], covariance[n]
         values[n] = 0.0
         total[:] = 0.0
-        corrected = base.known[branch, 0, column] and stack.known[branch, null, column]
-        there_of_null, of_null_left, beyond = 0.0, -1.0, 0.0
+        of_null_left, beyond = -1.0, 0.0
         if corrected:
-            distance = effect[n] - weighing.knots[interval]
-            _within_base(ca[n], distance, interval, branch, column, position[1], weighing, base, own)
-            there_of_null = _there(null, branch, column, own, stack)
+            there_of_null, there = places[count], places[count + 1]
             _read(null, branch, there_of_null, size[n], stack, of_null, no_slopes, error_of_null, difference, jump)
-            there = _there(0, branch, column, own, base)
+            _read(0, branch, there, size[n], base, of_base, no_slopes, total, of_mesh, of_gap)
             beyond = abs(np.sqrt(ca[n]) - np.sqrt(there)) + abs(np.sqrt(there) - np.sqrt(there_of_null))
             beyond = min(beyond / base.frames[branch, 0, 0], 1.0)
-            _read(0, branch, there, size[n], base, of_base, no_slopes, total, of_mesh, of_gap)
             values[n] = of_base - of_null
         for j in range(count):
             if weights[j] == 0.0 and not left_out[:, j].any():
                 continue
-            there = _there(j, branch, column, position, stack)
-            _read(j, branch, there, size[n], stack, of_slices[j], no_slopes, error, difference, jump)
+            _read(j, branch, places[j], size[n], stack, of_slices[j], no_slopes, error, difference, jump)
             for k in range(q):
                 values[n, k] += weights[j] * of_slices[j, k]
-            apart = 1.0
-            if corrected:
-                apart = _apart(j, there, there_of_null, branch, column, position[1], stack, null)
-                of_null_left += weights[j] * (1.0 - apart)
-                if j == null:
-                    jump[:] = of_gap
+            shared = 1.0 - apart[j] if corrected else 0.0
+            of_null_left += weights[j] * shared
+            if corrected and j == null:
+                jump[:] = of_gap
             for k in range(3):
                 for m in range(3):
-                    own_error = apart * error[k, m] + (1.0 - apart) * difference[k, m]
+                    own_error = (1.0 - shared) * error[k, m] + shared * difference[k, m]
                     total[k, m] += weights[j] ** 2 * (own_error + jump[k, m])
         first, last = weighing.ends[row, interval]
         bump = 4.0 * (effect[n] - first) * (last - effect[n]) / (last - first) ** 2
@@ -553,25 +547,20 @@ class EffectDomain(Domain):
             return np.asarray(self.scale.place(np.asarray(value, dtype=np.float64)))
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         effect = self.place(coordinates[0] if coordinates else self.ends.null_value)
-        arrays = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio), effect)
-        ca, size, place = (np.ascontiguousarray(array, np.float64) for array in arrays)
+        ca, size, place = aligned(capillary_number, size_ratio, effect)
         return np.asarray(covered(ca, size, place, self.weighing), dtype=np.bool_)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around the domains of all slices, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         with np.errstate(divide="ignore"):
             boxes = [FixedDomain(self, value).bounds for value in self.scale.value(self.weighing.knots)]
         return (min(box[0][0] for box in boxes), max(box[0][1] for box in boxes)), boxes[0][1]
 
     def at(self, values: Mapping[str, float]) -> Domain:
-        """Return the part of the plane at one value of the effect."""
         return FixedDomain(self, values[self.coordinate]) if self.coordinate in values else self
 
     def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
-        """Say why a point lies outside the domain."""
         del capillary_number, size_ratio
         value = coordinates.get(self.coordinate, self.ends.null_value)
         low, high = self.ends.low, self.ends.high
@@ -593,13 +582,11 @@ class FixedDomain(Domain):
     value: float
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         del coordinates
         return self.whole.contains(capillary_number, size_ratio, self.value)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around it, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         borders, columns = self.whole.borders(self.value), self.whole.weighing.columns
         return (float(borders[0].min()), float(borders[2].max())), (float(columns[0]), float(columns[-1]))
 
@@ -616,8 +603,7 @@ SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading 
 _STACKS: WeakKeyDictionary[PlaneSurrogate, Stack] = WeakKeyDictionary()  # of the bases
 
 
-@dataclass(frozen=True, eq=False)
-class EffectSurrogate(ForwardModel):
+class EffectSurrogate(DatabaseModel):
     """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
 
     Parameters
@@ -635,15 +621,11 @@ class EffectSurrogate(ForwardModel):
         Where it has an answer: for parachutes and for convex shapes between the values that have them.
     """
 
-    effect_database: Database
-    slices: tuple[PlaneSurrogate, ...] = field(repr=False)
-    base: PlaneSurrogate = field(repr=False)
-    domain: EffectDomain = field(init=False, repr=False)
-    _stack: Stack = field(init=False, repr=False)
-    _base_stack: Stack = field(init=False, repr=False)
+    domain: EffectDomain
 
-    def __post_init__(self) -> None:
-        database, slices, base = self.effect_database, self.slices, self.base
+    def __init__(self, effect_database: Database, slices: tuple[PlaneSurrogate, ...], base: PlaneSurrogate) -> None:
+        self.effect_database, self.slices, self.base = effect_database, slices, base
+        database = effect_database
         if base.cross_section != database.dataset.attrs["cross_section"]:
             expected = f"a {database.dataset.attrs['cross_section']} cross-section"
             raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
@@ -657,30 +639,18 @@ class EffectSurrogate(ForwardModel):
         moving = moving_borders(knots, borders, null, base_borders)
         folds = common_folds(borders, base_borders)
         weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, borders, scale))
-        coordinate = database.effect
+        self.coordinate = database.effect
         ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
-        made = {
-            "name": f"{base.name} with {coordinate}",
-            "sha256": hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest(),
-            "domain": EffectDomain(weighing, scale, coordinate, ends),
-            "cross_section": base.cross_section,
-            "view": base.view,
-            "coordinates": {coordinate: ends},
-            "database": base.database,
-            "_stack": _stacked(slices, borders, null),
-            "_base_stack": _shared(base, _stacked([base], [base_borders], 0)),
-        }
-        for name, value in made.items():
-            object.__setattr__(self, name, value)
+        self.name = f"{base.name} with {self.coordinate}"
+        self.sha256 = hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest()
+        self.domain = EffectDomain(weighing, scale, self.coordinate, ends)
+        self.cross_section, self.view, self.database = base.cross_section, base.view, base.database
+        self.coordinates = {self.coordinate: ends}
+        self._stack = _stacked(slices, borders, null)
+        self._base_stack = _shared(base, _stacked([base], [base_borders], 0))
         self._base_stack.differences[:] = self._mesh_differences()
 
-    @property
-    def coordinate(self) -> str:
-        """Name of the coordinate that is added to (Ca, a/l), as in `capsbayes.parameters`."""
-        return self.effect_database.effect
-
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch, at the null value without the coordinate; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         ca, size, place = self._points(theta)
         values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -688,11 +658,9 @@ class EffectSurrogate(ForwardModel):
         tables = self._stack, self._base_stack, self.domain.weighing
         evaluate(ca, size, place, *tables, values, covariance, inside)
         shapes = self._outlines(ca, size, place) if outline else None
-        columns = values.T.copy()
-        return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
+        return Prediction(*values.T.copy(), covariance=covariance, inside=inside, outline=shapes)
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals."""
         # As in the covariance of a prediction: errors of the base, weighted errors of the slices, that of the
         # interpolation between the slices, and that of the mesh where it may change with the effect.
         self.check_names(theta)
@@ -726,24 +694,26 @@ class EffectSurrogate(ForwardModel):
             far = np.hypot(far, min(beyond, 1.0))
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return the caveats of the two slices next to each point, at the points of these that correspond to it."""
-        ca, size, place = self._points(theta)
-        knots, points = self.domain.weighing.knots, np.arange(len(ca))
+    def case_caveats(self, points: Mapping[str, Floats]) -> dict[str, Booleans]:
+        # Those of the two slices next to each point, at the points of these that correspond to it.
+        ca, size, place = self._points(points)
+        knots, rows = self.domain.weighing.knots, np.arange(len(ca))
         branches, there, *_ = self._corresponding(ca, size, place)
         there[branches < 0] = ca[branches < 0, None]
-        each = [surrogate.case_caveats(there[:, j], size) for j, surrogate in enumerate(self.slices)]
+        each = [
+            surrogate.case_caveats({"capillary_number": there[:, j], "size_ratio": size})
+            for j, surrogate in enumerate(self.slices)
+        ]
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         combined = {}
         for kind in sorted({kind for caveats in each for kind in caveats}):
             of_slice = np.stack([caveats.get(kind, np.zeros(len(ca), dtype=np.bool_)) for caveats in each])
-            combined[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
-        return with_unsure_shapes(combined, self({name: np.asarray(values) for name, values in theta.items()}))
+            combined[kind] = of_slice[below, rows] | (of_slice[below + 1, rows] & (place > knots[below]))
+        return combined
 
     def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
         effect = self.domain.place(theta.get(self.coordinate, self.domain.ends.null_value))
-        arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
-        return [np.array(array, np.float64) for array in np.broadcast_arrays(*arrays)]
+        return aligned(theta["capillary_number"], theta["size_ratio"], effect)
 
     @property
     def _surrogates(self) -> list[PlaneSurrogate]:
