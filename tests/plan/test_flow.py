@@ -9,7 +9,7 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.plan import LabErrors, flow_design, simulated_widths
-from capsbayes.plan.flow import flow_rate
+from capsbayes.plan.lab import flow_rate
 from capsbayes.plan.widths import WidthPredictor
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
