@@ -18,18 +18,22 @@ from capsbayes.plan.budget import TOGETHER
 QUANTITIES = ("surface_shear_modulus", "capsule_radius")
 
 
+def identified(seen, model, experiment):
+    return identify(seen, model, experiment, engine="quadrature", seed=1)
+
+
 def budget_of(seen, model, experiment):
-    return error_budget(identify(seen, model, experiment, engine="quadrature", seed=1), model)
-
-
-def in_metres(seen, half_width=25e-6):
-    lengths = ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
-    return replace(seen, over_half_width=False, **{name: half_width * getattr(seen, name) for name in lengths})
+    return error_budget(identified(seen, model, experiment), model)
 
 
 @pytest.fixture(scope="module")
-def budget(capsule, model, experiment):
-    return budget_of(capsule, model, experiment)
+def posterior(capsule, model, experiment):
+    return identified(capsule, model, experiment)
+
+
+@pytest.fixture(scope="module")
+def budget(posterior, model):
+    return error_budget(posterior, model)
 
 
 def propagated(model):
@@ -52,15 +56,14 @@ def test_the_slopes_are_those_of_the_model(budget, model):
     for name, of_modulus, of_radius in (("viscosity", 1.0, 0.0), ("capsule_velocity", 1.0, 0.0), ("half_width", 0, 1)):
         assert budget[name].log_slope["surface_shear_modulus"] == pytest.approx(of_modulus, abs=0.003), name
         assert budget[name].log_slope["capsule_radius"] == pytest.approx(of_radius, abs=0.003), name
-
-
-def test_a_slope_in_si_is_the_change_over_the_input(budget):
     row, modulus = budget["viscosity"], budget.value["surface_shear_modulus"]
     assert row.slope["surface_shear_modulus"] == pytest.approx(modulus / 0.85, rel=0.003)
     assert row.change["surface_shear_modulus"] == pytest.approx(0.02 * modulus / 0.85, rel=0.003)
 
 
-def test_the_shares_add_up_and_are_the_squares_of_the_changes(budget):
+def test_the_shares_add_up_are_the_squares_of_the_changes_and_those_that_identify_prints(posterior, budget):
+    for name, share in posterior.shares.items():
+        assert budget[name].share["surface_shear_modulus"] == pytest.approx(share), name
     for quantity in QUANTITIES:
         assert sum(row.share[quantity] for row in budget.rows) == pytest.approx(1.0)
         assert abs(budget[REST].share[quantity]) < 0.03
@@ -69,16 +72,11 @@ def test_the_shares_add_up_and_are_the_squares_of_the_changes(budget):
             assert budget[name].share[quantity] == pytest.approx(square, abs=0.02), name
 
 
-def test_the_shares_of_the_modulus_are_those_that_identify_prints(capsule, model, experiment):
-    posterior = identify(capsule, model, experiment, engine="quadrature", seed=1)
-    budget = error_budget(posterior, model)
-    for name, share in posterior.shares.items():
-        assert budget[name].share["surface_shear_modulus"] == pytest.approx(share), name
-
-
 def test_lengths_in_metres_scale_with_the_channel(capsule, model, experiment):
     """All lengths twice as large are a capsule twice as large, of the same G_s."""
-    budget = budget_of(in_metres(capsule), model, experiment)
+    lengths = ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
+    metres = replace(capsule, over_half_width=False, **{name: 25e-6 * getattr(capsule, name) for name in lengths})
+    budget = budget_of(metres, model, experiment)
     for quantity, power in zip(QUANTITIES, (0.0, 1.0), strict=True):
         total = sum(budget[name].log_slope[quantity] for name in ("axial_extent", "axial_length", "half_width"))
         assert total == pytest.approx(power, abs=0.02), quantity
@@ -121,8 +119,7 @@ def test_the_table_and_the_json_hold_everything(budget):
     assert stored["status"] == "DONE"
 
 
-def test_another_model_than_that_of_the_posterior_is_refused(capsule, model, experiment):
-    posterior = identify(capsule, model, experiment, engine="quadrature", seed=1)
+def test_another_model_than_that_of_the_posterior_is_refused(posterior, model):
     with pytest.raises(InputError, match="expected the model of the posterior, manufactured polynomial, got nothing"):
         error_budget(posterior)
     with pytest.raises(InputError, match="give the model that it was identified with"):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
+from capsbayes.infer import identify
 from capsbayes.infer.posterior import deterministic_answer
 from capsbayes.infer.prior import Inputs
 from capsbayes.plan import error_budget, sobol_indices, varied_range
@@ -30,13 +31,8 @@ def test_an_answer_is_the_deterministic_one(capsule, shipped, experiment):
 
 
 def test_the_flow_rate_takes_the_place_of_the_velocity(capsule, shipped, experiment):
-    rate = {
-        "flow_rate": 1.2e-11,
-        "flow_rate_error": 1.2e-13,
-        "capsule_velocity": None,
-        "capsule_velocity_error": np.nan,
-    }
-    seen = replace(capsule, **rate)
+    rate = {"flow_rate": 1.2e-11, "flow_rate_error": 1.2e-13}
+    seen = replace(capsule, **rate, capsule_velocity=None, capsule_velocity_error=np.nan)
     inputs = Inputs.of(seen, experiment)
     answers, _ = Answerer(shipped, seen, inputs, {})({"flow_rate": np.array([1.2e-11, 2.4e-11])})
     expected = deterministic_answer(seen, shipped, inputs).as_dict()
@@ -54,8 +50,6 @@ def test_lengths_without_a_shape_get_the_answer_of_the_nearest(capsule, shipped,
 
 
 def test_small_errors_give_the_shares_of_the_budget(study, capsule, shipped, experiment):
-    from capsbayes.infer import identify
-
     budget = error_budget(identify(capsule, shipped, experiment, engine="quadrature", seed=1), shipped)
     for quantity in ("surface_shear_modulus", "capsule_radius"):
         for name, index in study.indices[quantity].items():
@@ -64,9 +58,6 @@ def test_small_errors_give_the_shares_of_the_budget(study, capsule, shipped, exp
             assert index.total == pytest.approx(share, abs=0.05 + index.total_error), (quantity, name)
     assert (study.outside, study.change, study.status) == (0, 0.0, Status.DONE)
     assert study.samples == 512 * 7
-
-
-def test_viscosity_moves_the_modulus_alone(study):
     assert study.indices["surface_shear_modulus"]["viscosity"].total > 0.05
     for answer in ("capsule_radius", "capillary_number", "size_ratio"):
         assert study.indices[answer]["viscosity"].total == pytest.approx(0.0, abs=1e-12)

@@ -251,10 +251,10 @@ def _correlation(apart: Floats, perimeter: float, noise: Noise) -> Floats:
     if noise.kernel == "exponential":
         return np.asarray(np.exp(-np.minimum(apart, perimeter - apart) / length))
     around = np.array([-1.0, 0.0, 1.0]) * perimeter  # summed over the windings it is positive definite
-    summed, one = (
-        np.exp(-0.5 * (np.add.outer(around, there) / length) ** 2).sum(axis=0) for there in (apart, np.zeros(()))
+    summed, at_zero = (
+        np.exp(-0.5 * (np.add.outer(around, distance) / length) ** 2).sum(axis=0) for distance in (apart, np.zeros(()))
     )
-    return np.asarray(summed / one)
+    return np.asarray(summed / at_zero)
 
 
 def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:
@@ -305,31 +305,23 @@ def _setting(name: str) -> TrueEffect:
     return TrueEffect(name, simulated=lambda size: {name: size})
 
 
-def _halo(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, outline=grown(capsule.outline, size / lab.half_width))
+def _outline(name: str, change: Callable[[Floats, float], Floats]) -> TrueEffect:
+    """Return an effect that changes the outline alone, by its size alone."""
+    return TrueEffect(name, drawn=lambda capsule, size, *_: replace(capsule, outline=change(capsule.outline, size)))
 
 
-def _blurred(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, outline=smeared(capsule.outline, size * capsule.capsule_velocity / lab.half_width))
-
-
-def _wrong_pixels(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    factor = 1.0 + size
-    return replace(
-        capsule, outline=enlarged(capsule.outline, factor, factor), velocity_seen=capsule.velocity_seen * factor
+def _factor(name: str, number: str) -> TrueEffect:
+    """Return an effect that makes a number of the capsule larger by a share."""
+    return TrueEffect(
+        name, drawn=lambda capsule, size, *_: replace(capsule, **{number: getattr(capsule, number) * (1.0 + size)})
     )
 
 
-def _oblong(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, outline=enlarged(capsule.outline, size, 1.0), velocity_seen=capsule.velocity_seen * size)
-
-
-def _distorted(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, outline=distorted(capsule.outline, size))
-
-
-def _in_perspective(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, outline=in_perspective(capsule.outline, size))
+def _magnified(capsule: Capsule, along: float, across: float) -> Capsule:
+    """Show the capsule with other pixels, by which its velocity along the flow is measured too."""
+    return replace(
+        capsule, outline=enlarged(capsule.outline, along, across), velocity_seen=capsule.velocity_seen * along
+    )
 
 
 def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
@@ -341,14 +333,6 @@ def _swollen(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
         capsule_radius=capsule.capsule_radius * factor,
         flow_rate=capsule.flow_rate * factor**2,
     )
-
-
-def _wrong_clock(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, velocity_seen=capsule.velocity_seen * (1.0 + size))
-
-
-def _wrong_pump(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    return replace(capsule, flow_rate=capsule.flow_rate * (1.0 + size))
 
 
 def _narrower(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
@@ -373,41 +357,44 @@ def _narrower_than_divided(capsule: Capsule, size: float, lab: Lab, seed: int) -
     )
 
 
-def _patterned(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-    """Displace the edge by a smooth random function of the arc, of root mean square `size`, common to all capsules."""
-    return replace(capsule, outline=capsule.outline + size * smooth_pattern(capsule.outline, seed))
-
-
-TRUE_EFFECTS = MappingProxyType(
-    {
-        effect.name: effect
-        for effect in (
-            TrueEffect("none"),
-            *map(_setting, ("pre_inflation", "bending", "rest_aspect", "corner_radius", "unsteadiness")),
-            TrueEffect(
-                "section_aspect", simulated=lambda size: {"cross_section": "rectangular", "section_aspect": size}
-            ),
-            TrueEffect("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
-            TrueEffect("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),
-            TrueEffect(
-                "hooke_share", simulated=lambda size: {"law": HookeShare(size) if size < 1.0 else GeneralisedHooke()}
-            ),
-            TrueEffect("halo", "m", drawn=_halo),
-            TrueEffect("exposure", "s", drawn=_blurred),
-            TrueEffect("pixel_scale", drawn=_wrong_pixels),
-            TrueEffect("pixel_aspect", drawn=_oblong),
-            TrueEffect("distortion", drawn=_distorted),
-            TrueEffect("taper", drawn=_in_perspective),
-            TrueEffect("swelling", "s/m", drawn=_swollen),
-            TrueEffect("velocity_scale", drawn=_wrong_clock),
-            TrueEffect("flow_rate_error", drawn=_wrong_pump),
-            TrueEffect("half_width_error", drawn=_narrower),
-            TrueEffect("half_width_apart", drawn=_narrower_than_divided),
-            TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
-            TrueEffect("pattern", drawn=_patterned),
-        )
-    }
+_EFFECTS = (
+    TrueEffect("none"),
+    *map(_setting, ("pre_inflation", "bending", "rest_aspect", "corner_radius", "unsteadiness")),
+    TrueEffect("section_aspect", simulated=lambda size: {"cross_section": "rectangular", "section_aspect": size}),
+    TrueEffect("hardening", simulated=lambda size: {"law": Skalak(hardening=size)}),
+    TrueEffect("strain_hardening", simulated=lambda size: {"law": StrainHardening(strain_hardening=size)}),
+    TrueEffect("hooke_share", simulated=lambda size: {"law": HookeShare(size) if size < 1.0 else GeneralisedHooke()}),
+    TrueEffect(
+        "halo",
+        "m",
+        drawn=lambda capsule, size, lab, _: replace(capsule, outline=grown(capsule.outline, size / lab.half_width)),
+    ),
+    TrueEffect(
+        "exposure",
+        "s",
+        drawn=lambda capsule, size, lab, _: replace(
+            capsule, outline=smeared(capsule.outline, size * capsule.capsule_velocity / lab.half_width)
+        ),
+    ),
+    TrueEffect("pixel_scale", drawn=lambda capsule, size, *_: _magnified(capsule, 1.0 + size, 1.0 + size)),
+    TrueEffect("pixel_aspect", drawn=lambda capsule, size, *_: _magnified(capsule, size, 1.0)),
+    _outline("distortion", distorted),
+    _outline("taper", in_perspective),
+    TrueEffect("swelling", "s/m", drawn=_swollen),
+    _factor("velocity_scale", "velocity_seen"),
+    _factor("flow_rate_error", "flow_rate"),
+    TrueEffect("half_width_error", drawn=_narrower),
+    TrueEffect("half_width_apart", drawn=_narrower_than_divided),
+    TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
+    TrueEffect(  # a displacement of root mean square `size`, common to all capsules
+        "pattern",
+        drawn=lambda capsule, size, lab, seed: replace(
+            capsule, outline=capsule.outline + size * smooth_pattern(capsule.outline, seed)
+        ),
+    ),
 )
+
+TRUE_EFFECTS = MappingProxyType({effect.name: effect for effect in _EFFECTS})
 """All true effects by name."""
 
 
@@ -428,11 +415,12 @@ def true_effect_of(effect: Effect) -> TrueEffect:
     # What is found again was put in by the same code then: a session tells whether the effect can be found and
     # distinguished, not whether its operator is right.
 
-    def drawn(capsule: Capsule, size: float, lab: Lab, seed: int) -> Capsule:
-        return _operated(effect, capsule, size, lab)
-
-    unit = effect.parameter.unit
-    return TrueEffect(effect.parameter.name, "" if unit == "-" else unit, drawn=drawn)
+    name, unit = effect.parameter.name, effect.parameter.unit
+    return TrueEffect(
+        name,
+        "" if unit == "-" else unit,
+        drawn=lambda capsule, size, lab, _: _operated(effect, capsule, size, lab),
+    )
 
 
 def _operated(effect: Effect, capsule: Capsule, size: float, lab: Lab) -> Capsule:
@@ -523,8 +511,8 @@ def read_shapes(path: str | os.PathLike[str], effect: TrueEffect, size: float) -
 
 def different_settings(pool: Database, simulator: SteadySimulator) -> list[str]:
     """Return the names of the settings that a database does not share with a simulator."""
-    asked, there = json.loads(json.dumps(dict(simulator.settings))), pool.settings
-    return sorted(key for key in {*asked, *there} if asked.get(key) != there.get(key))
+    asked, known = json.loads(json.dumps(dict(simulator.settings))), pool.settings
+    return sorted(key for key in {*asked, *known} if asked.get(key) != known.get(key))
 
 
 # Sessions drawn from stored shapes, or simulated capsule by capsule, with their truth

@@ -24,9 +24,9 @@ from capsbayes.infer.quadrature import Quadrature
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan.lab import Draws, Expectation, LabErrors, Setting, root_of, settings_of
+from capsbayes.plan.lab import Draws, Expectation, LabErrors, root_of, settings_of
 from capsbayes.plan.widths import check_model, width_of
-from capsbayes.quantity import Given
+from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class BudgetRow:
     """Influence of one input on G_s and a."""
 
     name: str  # as in `capsbayes.parameters`, or "outline", "surrogate", `TOGETHER`, "prior and curvature"
-    setting: Setting | None  # of an input that is a number
+    setting: Quantity | None  # of an input that is a number
     share: Mapping[str, float]  # of the variance of log G_s and of log a
     log_slope: Mapping[str, float]  # d ln(quantity) / d ln(input); empty for an input that is no number
     slope: Mapping[str, float]  # d(quantity) / d(input), in SI over the input's unit
@@ -162,7 +162,7 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
             name: _with_joint(grid, name, of) for name, of in variance_shares(engine, seen, grid, *QUANTITIES).items()
         }
         settings = settings_of(seen, inputs)
-        log_slopes_of = {name: log_slopes(engine, seen, grid, setting) for name, setting in settings.items()}
+        log_slopes_of = {name: log_slopes(engine, seen, grid, name, given) for name, given in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
         sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
     names = _ordered(shares[QUANTITIES[0]])
@@ -183,7 +183,7 @@ def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]
 
 def _row(
     name: str,
-    setting: Setting | None,
+    setting: Quantity | None,
     shares: Mapping[str, Mapping[str, float]],
     log_slope: Mapping[str, float],
     centre: Mapping[str, float],
@@ -238,22 +238,22 @@ STEP_OF_KNOWN = 5e-3
 
 
 def log_slopes(
-    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, setting: Setting
+    engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior, name: str, given: Quantity
 ) -> dict[str, float]:
     """Compute d ln(quantity) / d ln(input) of the posterior medians of G_s and a; NaN where no step can be made."""
     ends = {}
-    step = STEP * setting.error if setting.error > 0.0 else STEP_OF_KNOWN * setting.value
-    for value in (setting.value - step, setting.value + step):
+    step = STEP_OF_KNOWN * given.value if given.known else STEP * given.error
+    for value in (given.value - step, given.value + step):
         with contextlib.suppress(InputError):
-            moved = _moved(measurement, posterior.density.inputs, setting.name, value)
+            moved = _moved(measurement, posterior.density.inputs, name, value)
             ends[value] = _log_medians(_again(engine, posterior, measurement, *moved))
     if len(ends) == 1:
-        ends[setting.value] = _log_medians(posterior)
+        ends[given.value] = _log_medians(posterior)
     if not ends:
         return dict.fromkeys(QUANTITIES, float("nan"))
     low, high = min(ends), max(ends)
     width = float(np.log(high / low))
-    return {name: (ends[high][name] - ends[low][name]) / width for name in QUANTITIES}
+    return {quantity: (ends[high][quantity] - ends[low][quantity]) / width for quantity in QUANTITIES}
 
 
 def _again(

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import AREAS, Experiment, imposed_velocity
+from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
@@ -22,6 +22,7 @@ from capsbayes.plan.lab import (
     Expectation,
     LabErrors,
     expected_range,
+    flow_rate,
     lab_attributes,
     range_at,
 )
@@ -130,15 +131,6 @@ class FlowDesign:
 def _plain(point: FlowPoint) -> dict[str, Any]:
     """Return the fields with None in place of NaN, which JSON does not know."""
     return {name: value if np.isfinite(value) else None for name, value in asdict(point).items()}
-
-
-def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
-    """Return the flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
-
-    >>> round(6e10 * flow_rate(5e-3, 25e-6, "square"), 3)  # in uL/min
-    0.75
-    """
-    return mean_velocity * half_width**2 * AREAS[cross_section]
 
 
 @checked
@@ -303,24 +295,16 @@ class WidthTable:
 
     def at(self, ca: Floats, size: Floats) -> dict[str, Floats]:
         """Interpolate the widths of capsules linearly in log Ca and a/l : (n,) arrays by name."""
-        size = np.clip(size, self.columns[0], self.columns[-1])
-        right = np.clip(np.searchsorted(self.columns, size), 1, max(len(self.columns) - 1, 1))
-        left = right - 1
-        if len(self.columns) == 1:
-            left = right = np.zeros(len(size), dtype=np.intp)
-        gap = self.columns[right] - self.columns[left]
-        share = np.where(gap > 0.0, (size - self.columns[left]) / np.where(gap > 0.0, gap, 1.0), 0.0)
+        weights = [np.interp(size, self.columns, of_column) for of_column in np.eye(len(self.columns))]
         widths = {}
         for name, values in self.values.items():
-            by_column = np.stack([_along(np.log(ca), *pair) for pair in zip(self.log_ca, values, strict=True)])
-            each = np.arange(len(size))
-            widths[name] = (1.0 - share) * by_column[left, each] + share * by_column[right, each]
+            known = np.isfinite(values)
+            by_column = [
+                np.interp(np.log(ca), places[fine], along[fine])
+                for places, along, fine in zip(self.log_ca, values, known, strict=True)
+            ]
+            widths[name] = np.einsum("kn,kn->n", weights, by_column)
         return widths
-
-
-def _along(log_ca: Floats, places: Floats, values: Floats) -> Floats:
-    known = np.isfinite(values)
-    return np.interp(log_ca, places[known], values[known])
 
 
 def _columns(model: ForwardModel, sizes: Floats) -> Floats:

@@ -10,11 +10,12 @@ import numpy as np
 from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import Experiment, capillary_number, size_ratio
+from capsbayes.experiment import AREAS, Experiment, capillary_number, size_ratio
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.prior import Inputs
-from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise
+from capsbayes.measurement import CONDITIONS, MID_PLANE, MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import ForwardModel
+from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Given, Quantity
 
 _SURE = 1e-6  # relative error of a flow rate that is stated without one
@@ -161,10 +162,8 @@ def root_of(covariance: Floats) -> Floats:
 
 def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabErrors) -> dict[str, str]:
     """Return model, experiment and errors as attributes of a file."""
-    known = {"half_width": experiment.half_width, "viscosity": experiment.viscosity}
-    lab = {
-        name: {"value": quantity.mean, "error": quantity.sd, "unit": quantity.unit} for name, quantity in known.items()
-    }
+    known = {name: getattr(experiment, name) for name in CONDITIONS}
+    lab = {name: {"value": given.mean, "error": given.sd, "unit": given.unit} for name, given in known.items()}
     return {
         "model": model.name,
         "model_sha256": model.sha256,
@@ -175,33 +174,31 @@ def lab_attributes(model: ForwardModel, experiment: Experiment, errors: LabError
     }
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Value and standard error of one input."""
-
-    name: str  # as in `capsbayes.parameters`
-    value: float
-    error: float
-    unit: str  # SI, or "l" for lengths over the half width
-
-
-def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Setting]:
-    """Return the numeric inputs of a measurement; an outline replaces the lengths."""
-    known = {"viscosity": (inputs.viscosity, "Pa s"), "capsule_velocity": (inputs.capsule_velocity, "m/s")}
+def settings_of(measurement: Measurement, inputs: Inputs) -> dict[str, Quantity]:
+    """Return the numeric inputs of a measurement, lengths with the unit "l" or "m"; an outline replaces them."""
     if inputs.flow_rate is not None and inputs.by_flow_rate:
-        del known["capsule_velocity"]
-        known["flow_rate"] = inputs.flow_rate, "m^3/s"
-    known["half_width"] = (inputs.half_width, "m")
-    settings = {name: Setting(name, quantity.value, quantity.error, unit) for name, (quantity, unit) in known.items()}
+        velocity, speed = "flow_rate", inputs.flow_rate
+    else:
+        velocity, speed = "capsule_velocity", inputs.capsule_velocity
+    known = {"viscosity": inputs.viscosity, velocity: speed, "half_width": inputs.half_width}
+    settings = {name: Quantity(given.value, given.error, PARAMETERS[name].si) for name, given in known.items()}
     unit = "l" if measurement.over_half_width else "m"
     if measurement.outline is None:
-        pair = measurement.axial_extent, measurement.axial_extent_error
-        settings["axial_extent"] = Setting("axial_extent", *pair, unit)
+        settings["axial_extent"] = Quantity(measurement.axial_extent, measurement.axial_extent_error, unit)
     if measurement.outline is None or measurement.length_with_outline is not None:
         length, error = measurement.axial_length, measurement.axial_length_error
         if length is not None and error is not None:
-            settings["axial_length"] = Setting("axial_length", length, error, unit)
+            settings["axial_length"] = Quantity(length, error, unit)
     return settings
+
+
+def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> float:
+    """Return the flow rate Q of a mean velocity U [m^3/s]: U (2l)^2 in a square channel, U pi l^2 in a circular one.
+
+    >>> round(6e10 * flow_rate(5e-3, 25e-6, "square"), 3)  # in uL/min
+    0.75
+    """
+    return mean_velocity * half_width**2 * AREAS[cross_section]
 
 
 # Capsules expected in an experiment, and its conditions, before anything is measured
@@ -292,11 +289,6 @@ class CaRange:
     highest: float
     limit: bool  # whether no steady shape is known above the highest, rather than none computed
 
-    @property
-    def empty(self) -> bool:
-        """True if the model has no shape of this size."""
-        return not np.isfinite(self.highest)
-
     def inner(self, count: int) -> Floats:
         """Return points in equal ratios from end to end, a thousandth within them : (count,) array."""
         return np.geomspace(1.001 * self.lowest, 0.999 * self.highest, count)
@@ -316,7 +308,7 @@ def range_at(model: ForwardModel, size_ratio: float) -> CaRange:
 def expected_range(model: ForwardModel, expectation: Expectation) -> CaRange:
     """Return the range of Ca of a model at the expected size; refuse a size that it does not have."""
     at_size = range_at(model, float(expectation.centre.size_ratio[0]))
-    if at_size.empty:
+    if np.isnan(at_size.highest):
         low, high = model.domain.bounds[1]
         wanted = f"a radius between {low:.4g} and {high:.4g} l, as {model.name} has them"
         raise InputError("flow_design", "capsule_radius", wanted, f"a/l = {at_size.size_ratio:.4g}")

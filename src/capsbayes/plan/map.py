@@ -15,7 +15,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.model import TWO_SHAPES, ForwardModel
 from capsbayes.plan.lab import Borders, LabErrors, lab_attributes
-from capsbayes.plan.widths import NOISES, Width, WidthPredictor, check_model
+from capsbayes.plan.widths import NOISES, WidthPredictor, check_model
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,6 +29,7 @@ GRID = (28, 20)
 WITHIN = 1e-9
 """Margin that keeps the ends of a grid inside the domain despite rounding."""
 
+_PLANE = ("size_ratio", "capillary_number")
 _MEANINGS = {
     "relative": ("width_of_surface_shear_modulus", "half of the 68 % interval of G_s over its median, mean over noise"),
     "sd": ("sd_of_log_surface_shear_modulus", "standard deviation of log G_s, mean over noise"),
@@ -84,57 +85,51 @@ def identifiability_map(
     predictor = WidthPredictor(model, experiment, errors, noises=noises)
     (ca_low, ca_high), sizes = model.domain.bounds
     ca, size = np.geomspace((1.0 + WITHIN) * ca_low, (1.0 - WITHIN) * ca_high, grid[0]), np.linspace(*sizes, grid[1])
-    values, inside = over_plane(
-        model, ca, size, Width.names(), lambda *place: asdict(predictor.at(*place)), progress=progress
-    )
-    two = np.zeros(inside.shape, dtype=np.int8)
-    row, column = np.nonzero(inside)
+
+    def widths(*place: float) -> dict[str, float]:
+        width = asdict(predictor.at(*place))
+        return {name: width[field] for field, (name, _) in _MEANINGS.items()}
+
+    attributes = lab_attributes(model, experiment, errors) | {"noises": noises}
+    found = over_plane(model, ca, size, dict(_MEANINGS.values()), widths, attributes, progress=progress)
+    row, column = np.nonzero(inside_of(model, ca, size))
     caveats = model.caveats({"capillary_number": ca[column], "size_ratio": size[row]})
-    two[row, column] = caveats.get(TWO_SHAPES, np.zeros(len(row), dtype=bool))
-    variables: dict[str, tuple[np.ndarray, str]] = {
-        name: (values[field], meaning) for field, (name, meaning) in _MEANINGS.items()
-    }
-    variables["two_shapes"] = two, "1 where two steady shapes are stable"
-    return plane_dataset(model, ca, size, variables, lab_attributes(model, experiment, errors) | {"noises": noises})
+    two = np.zeros((len(size), len(ca)), dtype=np.int8)
+    two[row, column] = caveats.get(TWO_SHAPES, False)
+    return found.assign(two_shapes=(_PLANE, two, {"units": "-", "long_name": "1 where two steady shapes are stable"}))
+
+
+def inside_of(model: ForwardModel, ca: Floats, size: Floats) -> Booleans:
+    """Return where a model has a shape : (rows of a/l, columns of Ca) bool array."""
+    return np.stack([model.domain.contains(ca, np.full(len(ca), ratio)) for ratio in size])
 
 
 def over_plane(
     model: ForwardModel,
     ca: Floats,
     size: Floats,
-    names: Iterable[str],
+    meanings: Mapping[str, str],
     compute: Callable[[float, float], Mapping[str, float]],
+    attributes: Mapping[str, str | int],
     *,
     progress: Progress | None,
-) -> tuple[dict[str, Floats], Booleans]:
-    """Compute values at each (Ca, a/l) within a model : (rows of a/l, columns of Ca) arrays by name, NaN outside it."""
-    inside = np.stack([model.domain.contains(ca, np.full(len(ca), ratio)) for ratio in size])
-    values = {name: np.full(inside.shape, np.nan) for name in names}
+) -> xr.Dataset:
+    """Compute values of given names and meanings at each (Ca, a/l) within a model, NaN outside, and its borders."""
+    import xarray as xr
+
+    inside = inside_of(model, ca, size)
+    values = {name: np.full(inside.shape, np.nan) for name in meanings}
     points = list(zip(*np.nonzero(inside), strict=True))
     with threadpool_limits(limits=1):
         for row, column in points if progress is None else progress(points, len(points), "points of the map"):
             for name, value in compute(float(ca[column]), float(size[row])).items():
                 values[name][row, column] = value
-    return values, inside
-
-
-def plane_dataset(
-    model: ForwardModel,
-    ca: Floats,
-    size: Floats,
-    variables: Mapping[str, tuple[np.ndarray, str]],
-    attributes: Mapping[str, str | int],
-) -> xr.Dataset:
-    """Return arrays over the plane, with what they mean, and the borders of a model."""
-    import xarray as xr
-
     data: dict[str, Any] = {
-        name: (("size_ratio", "capillary_number"), values, {"units": "-", "long_name": meaning})
-        for name, (values, meaning) in variables.items()
+        name: (_PLANE, values[name], {"units": "-", "long_name": meaning}) for name, meaning in meanings.items()
     }
     borders = Borders.of(model, size)
-    for end, values in (("lowest", borders.lowest), ("highest", borders.highest)):
-        data[end] = "size_ratio", values, {"units": "-", "long_name": f"{end} Ca"}
+    for end, border in (("lowest", borders.lowest), ("highest", borders.highest)):
+        data[end] = "size_ratio", border, {"units": "-", "long_name": f"{end} Ca"}
     places = {
         "capillary_number": ("capillary_number", ca, {"units": "-", "long_name": "Ca, mu U / G_s"}),
         "size_ratio": ("size_ratio", size, {"units": "-", "long_name": "a/l"}),

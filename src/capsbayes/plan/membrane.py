@@ -15,15 +15,15 @@ from threadpoolctl import threadpool_limits
 from capsbayes.arguments import checked
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
-from capsbayes.experiment import AREAS, Experiment, bending, imposed_velocity
+from capsbayes.experiment import Experiment, bending, imposed_velocity
 from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Lengths, Start, Unknowns, key_of
 from capsbayes.infer.prior import THICKNESS, Membrane, Prior
 from capsbayes.infer.shared_membrane import ONE_CAPSULE, capsules_of, step_of_all, unknowns_of
 from capsbayes.membrane_database import lowest_ca
 from capsbayes.model import FixedParameters
-from capsbayes.plan.flow import MARGIN, RISK, check_risk, flow_rate
-from capsbayes.plan.lab import Borders, Draws, Expectation, LabErrors, expected_range, lab_attributes
-from capsbayes.plan.map import WITHIN, Progress, over_plane, plane_dataset
+from capsbayes.plan.flow import MARGIN, RISK, check_risk
+from capsbayes.plan.lab import Borders, Draws, Expectation, LabErrors, expected_range, flow_rate, lab_attributes
+from capsbayes.plan.map import WITHIN, Progress, over_plane
 from capsbayes.plan.widths import EACH, EVERY, ExpectedMembrane, WidthPredictor, noise_lattice, prior_widths
 from capsbayes.quantity import Given
 from capsbayes.status import Status
@@ -114,16 +114,19 @@ class MembraneFlowDesign:
 
 
 _MOST = 12  # different capsules of one flow rate
+_MODULUS, _RADIUS = "surface_shear_modulus", "capsule_radius"
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedBatch:
-    """Capsules that are expected at some flow rates, of which some are to be filmed."""
+    """Capsules that are expected at some velocities of the flow, of which some are to be filmed."""
 
     capsules: Capsules  # all of them, without the model's own error
     own: Floats  # (n, 2): ln Ca and a/l
-    flow: Integers  # (n,): number of the flow rate
-    means: tuple[float, float]  # of ln(G_s / (N/m)) and of a/l
+    flow: Integers  # (n,): number of the velocity
+    expectation: Expectation
+    experiment: Experiment
+    velocities: Floats  # (k,): mean velocities [m/s]
     unknowns: Unknowns  # with the spreads of the population that is expected
     scores: Floats  # (f,): normal scores of the membrane that is expected
 
@@ -148,38 +151,36 @@ class PlannedBatch:
         lattice = noise_lattice(1 if same_capsule else _MOST)
         log_ca = np.log([centre.capillary_number(velocity)[0] for velocity in velocities])
         middle = np.stack([log_ca, np.full(len(velocities), centre.size_ratio[0])], axis=1)
-        means = float(np.log(centre.surface_shear_modulus[0])), float(centre.size_ratio[0])
         own = (middle[:, None] + np.array([-spreads[0], spreads[1]]) * lattice).reshape(-1, 2)
         flow = np.repeat(np.arange(len(velocities)), len(lattice))
         known = Unknowns(unknowns.coordinates, unknowns.known, spreads)
-        shape_model = Lengths(model, experiment.half_width.value)
-        theta = shape_model.theta(known.membranes(scores[None]), own[None])
-        seen = model(theta, outline=errors.outline is not None)
-        rows = np.flatnonzero(seen.inside)
+        theta = Lengths(model, experiment.half_width.value).theta(known.membranes(scores[None]), own[None])
+        shapes = model(theta, outline=errors.outline is not None)
+        rows = np.flatnonzero(shapes.inside)
         if not len(rows):
             expected = f"velocities at which {model.name} has a shape of such capsules"
             got = ", ".join(f"{speed:.3g} m/s" for speed in velocities)
             raise InputError("flow_design", "velocities", expected, got)
-        area = AREAS[experiment.cross_section] * experiment.half_width.value**2
+        channel = experiment.half_width.value, experiment.cross_section
         measurements = [
             errors.measured(
-                seen.values[row, :2],
-                float(velocities[flow[row]] * seen.velocity_ratio[row]),
-                None if seen.outline is None else seen.outline[row, ::EVERY],
-                float(velocities[flow[row]] * area),
+                shapes.values[row, :2],
+                float(velocities[flow[row]] * shapes.velocity_ratio[row]),
+                None if shapes.outline is None else shapes.outline[row, ::EVERY],
+                flow_rate(float(velocities[flow[row]]), *channel),
             )
             for row in rows
         ]
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
-        return cls(capsules, own[rows], flow[rows], means, known, scores)
+        return cls(capsules, own[rows], flow[rows], expectation, experiment, velocities, known, scores)
 
     def expected_from(self, flows: Sequence[int], count: int) -> ExpectedMembrane:
-        """Return what so many capsules, filmed in equal shares at some of the flow rates, tell of the membrane."""
+        """Return what so many capsules, filmed in equal shares at some of the velocities, tell of the membrane."""
         shares = np.array_split(np.arange(max(count, len(flows))), len(flows))
         rows = np.concatenate([self._rows(k, len(share)) for k, share in zip(flows, shares, strict=True)])
-        own, point = self.own[rows], self.scores[None]
+        own, point, centre = self.own[rows], self.scores[None], self.expectation.centre
         common = np.zeros((1, COMMON))
-        common[0, [MODULUS, SIZE]] = self.means
+        common[0, [MODULUS, SIZE]] = np.log(centre.surface_shear_modulus[0]), centre.size_ratio[0]
         filmed = replace(self.capsules, batch=self.capsules.batch.taken(rows))
         filmed = filmed.with_model_error(self.unknowns.membranes(point), own)
         values = Start(own[None], common)
@@ -187,9 +188,26 @@ class PlannedBatch:
         return ExpectedMembrane(filmed, self.unknowns, self.scores, values, step.covariance[0])
 
     def _rows(self, flow: int, count: int) -> Integers:
-        """Return rows of capsules at a flow rate, spread over the population, some several times if they are few."""
+        """Return rows of capsules at a velocity, spread over the population, some several times if they are few."""
         rows = np.flatnonzero(self.flow == flow)
         return rows[(2 * np.arange(count) + 1) * len(rows) // (2 * count)]
+
+    def planned(self, flows: Sequence[int], expected: ExpectedMembrane) -> PlannedFlows:
+        """Return a set of flow rates with the widths that are expected, errors of viscosity and half width included."""
+        viscosity, width = self.experiment.viscosity, self.experiment.half_width
+        of_viscosity = viscosity.sd / viscosity.mean
+        sds = expected.widths()
+        for name, error in ((EACH, of_viscosity), (_MODULUS, of_viscosity), (_RADIUS, width.sd / width.mean)):
+            sds[name] = float(np.hypot(sds[name], error))
+        speeds, centre = self.velocities[list(flows)].tolist(), self.expectation.centre
+        channel = float(centre.half_width[0]), self.experiment.cross_section
+        return PlannedFlows(
+            mean_velocities=tuple(speeds),
+            flow_rates=tuple(flow_rate(speed, *channel) for speed in speeds),
+            capillary_numbers=tuple(float(centre.capillary_number(speed)[0]) for speed in speeds),
+            sds=sds,
+            sd_if_known=float(np.hypot(np.sqrt(expected.given_membrane[MODULUS, MODULUS]), of_viscosity)),
+        )
 
 
 def spreads_of(expectation: Expectation, *, same_capsule: bool) -> tuple[float, float]:
@@ -281,34 +299,30 @@ def membrane_flow_design(
     InputError
         If an argument cannot be used, or the model has no shape of the expected size.
     """
-    _check(errors, capsules, flows, margin, risk)
-    model = model or MembraneSurrogate.open(experiment.cross_section, view=errors.view)
-    model.check_experiment(experiment)
-    unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, (None, None))
+    check_risk(margin, risk)
+    if not (1 <= flows <= MOST_FLOWS and capsules >= 1):
+        wanted = f"1 to {MOST_FLOWS} flow rates and at least one capsule"
+        raise InputError("flow_design", "flows, capsules", wanted, f"{flows}, {capsules}")
+    model, unknowns, scores = _expected_membrane("flow_design", experiment, errors, model, membrane, guess, prior)
     expectation = Expectation.of(surface_shear_modulus, capsule_radius, experiment)
-    scores, count = expected_scores(unknowns, guess, model), 1 if same_capsule else capsules
-    expected = membrane_at(unknowns, scores, expectation)
+    count = 1 if same_capsule else capsules
+    expected = membrane_at(unknowns, scores, expectation.capsule_radius.value)
     drawn = expectation.drawn(np.random.default_rng(seed), _CAPSULES)
+    sets: tuple[PlannedFlows, ...] = ()
+    for_law = None
     with threadpool_limits(limits=1):
         risks, outside = _risks(model.fixed(**expected), expectation, drawn, experiment.cross_section, margin)
         safe = [each.mean_velocity for each in risks if max(each.beyond_margin, each.below) <= risk]
         tried = np.array(velocities or (np.geomspace(safe[0], safe[-1], _CANDIDATES) if safe else ()))
-        numbers = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
-        membranes = {}
         if len(tried):
             lab = expectation, tried, errors, experiment, model, unknowns, scores
             batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error)
+            numbers = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
             shown = numbers if progress is None else progress(numbers, len(numbers), "sets of flow rates")
-            membranes = {filmed: batch.expected_from(filmed, count) for filmed in shown}
-        best, best_for_law = best_sets(membranes)
-        planned = {
-            filmed: _planned(tried[list(filmed)], membranes[filmed], expectation, experiment)
-            for filmed in {*best, *best_for_law}
-        }
-        sets = tuple(planned[filmed] for filmed in best)
+            sets, for_law = best_sets(batch, {filmed: batch.expected_from(filmed, count) for filmed in shown})
     return MembraneFlowDesign(
         sets=sets,
-        for_law=planned[best_for_law[0]] if best_for_law else None,
+        for_law=for_law,
         prior_sds=prior_widths(unknowns),
         risks=tuple(risks),
         limits=(safe[0], safe[-1]) if safe else None,
@@ -325,42 +339,45 @@ def membrane_flow_design(
     )
 
 
+def _expected_membrane(
+    where: str,
+    experiment: Experiment,
+    errors: LabErrors,
+    model: MembraneSurrogate | None,
+    membrane: Membrane | None,
+    guess: Membrane | None,
+    prior: Prior | None,
+) -> tuple[MembraneSurrogate, Unknowns, Floats]:
+    """Return the model of a lab, what is unknown of its membrane, and the normal scores of what is expected."""
+    if not errors.over_half_width:
+        expected = "those of lengths over l, as an unknown membrane needs them"
+        raise InputError(where, "errors", expected, "those of lengths in metres")
+    model = model or MembraneSurrogate.open(experiment.cross_section, view=errors.view)
+    model.check_experiment(experiment)
+    unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, (None, None))
+    return model, unknowns, expected_scores(unknowns, guess, model)
+
+
 def expected_scores(unknowns: Unknowns, guess: Membrane | None, model: MembraneSurrogate) -> Floats:
     """Return the normal scores under their priors of the unknown parameters that are guessed : (f,) array."""
     # A parameter that is not guessed has the middle of its prior; one at an end of its prior is taken just within.
     guessed, left = (guess or Membrane()).applied(model, Prior())
     values = dict(guessed.values) if isinstance(guessed, FixedParameters) else {}
-    unknown = {key_of(one): one for one in unknowns.coordinates}
+    unknown = {key_of(coordinate): coordinate for coordinate in unknowns.coordinates}
     for name in (*left.coordinates, *values):
         if name in left.coordinates or name not in unknown:
             expected = f"a number for one of {', '.join(unknown)}" if unknown else "none, as the membrane is known"
             got = str(left.coordinates[name]) if name in left.coordinates else f"{name} = {values[name]:g}"
             raise InputError("guess", name, expected, got)
-    shares = [one.shares(values[name]) if name in values else 0.5 for name, one in unknown.items()]
+    shares = [coordinate.shares(values[name]) if name in values else 0.5 for name, coordinate in unknown.items()]
     return np.asarray(ndtri(np.clip(np.array(shares, dtype=np.float64), _NEAREST, 1.0 - _NEAREST)))
 
 
-def _check(errors: LabErrors, capsules: int, flows: int, margin: float, risk: float) -> None:
-    check_risk(margin, risk)
-    check_lengths(errors, "flow_design")
-    if not (1 <= flows <= MOST_FLOWS and capsules >= 1):
-        expected = f"1 to {MOST_FLOWS} flow rates and at least one capsule"
-        raise InputError("flow_design", "flows, capsules", expected, f"{flows}, {capsules}")
-
-
-def check_lengths(errors: LabErrors, where: str) -> None:
-    """Refuse the errors of lengths in metres."""
-    if not errors.over_half_width:
-        expected = "those of lengths over l, as an unknown membrane needs them"
-        raise InputError(where, "errors", expected, "those of lengths in metres")
-
-
-def membrane_at(unknowns: Unknowns, scores: Floats, expectation: Expectation) -> dict[str, float]:
-    """Return the parameters of the membrane, of the bending modulus that a thickness means at the expected radius."""
+def membrane_at(unknowns: Unknowns, scores: Floats, radius: float) -> dict[str, float]:
+    """Return the parameters of the membrane, with the bending modulus that a thickness means at a radius [m]."""
     membrane = {name: float(values[0]) for name, values in unknowns.membranes(scores[None]).items()}
     if THICKNESS in membrane:
-        thickness, radius = membrane.pop(THICKNESS), expectation.capsule_radius.value
-        membrane["bending"] = float(bending(membrane_thickness=thickness, capsule_radius=radius))
+        membrane["bending"] = float(bending(membrane_thickness=membrane.pop(THICKNESS), capsule_radius=radius))
     return membrane
 
 
@@ -402,38 +419,19 @@ def _sets(count: int, flows: int) -> list[tuple[int, ...]]:
 
 
 def best_sets(
-    expected: Mapping[tuple[int, ...], ExpectedMembrane],
-) -> tuple[list[tuple[int, ...]], list[tuple[int, ...]]]:
+    batch: PlannedBatch, expected: Mapping[tuple[int, ...], ExpectedMembrane]
+) -> tuple[tuple[PlannedFlows, ...], PlannedFlows | None]:
     """Return the best set for G_s of each number of flow rates, and of the largest number that for the law, if any."""
     by_size: dict[int, list[tuple[int, ...]]] = {}
     for flows in expected:
         by_size.setdefault(len(flows), []).append(flows)
-    for_modulus = [
-        min(by_size[size], key=lambda flows: expected[flows].log_modulus_variance) for size in sorted(by_size)
-    ]
-    if len(expected) < 2 or not expected[for_modulus[-1]].seeks(*_LAW):
-        return for_modulus, []
-    return for_modulus, [min(by_size[max(by_size)], key=lambda flows: expected[flows].log_volume(*_LAW))]
-
-
-def _planned(
-    speeds: Floats, expected: ExpectedMembrane, expectation: Expectation, experiment: Experiment
-) -> PlannedFlows:
-    """Return a set of flow rates with the widths that are expected, errors of viscosity and half width included."""
-    sds = expected.widths()
-    of_inputs = {"surface_shear_modulus": experiment.viscosity, EACH: experiment.viscosity}
-    of_inputs |= {"capsule_radius": experiment.half_width}
-    for name, quantity in of_inputs.items():
-        sds[name] = float(np.hypot(sds[name], quantity.sd / quantity.mean))
-    viscosity = experiment.viscosity.sd / experiment.viscosity.mean
-    width = float(expectation.centre.half_width[0])
-    return PlannedFlows(
-        mean_velocities=tuple(speeds.tolist()),
-        flow_rates=tuple(flow_rate(float(speed), width, experiment.cross_section) for speed in speeds),
-        capillary_numbers=tuple(float(expectation.centre.capillary_number(speed)[0]) for speed in speeds),
-        sds=sds,
-        sd_if_known=float(np.hypot(np.sqrt(expected.given_membrane[MODULUS, MODULUS]), viscosity)),
-    )
+    best = [min(by_size[size], key=lambda flows: expected[flows].log_modulus_variance) for size in sorted(by_size)]
+    planned = {flows: batch.planned(flows, expected[flows]) for flows in best}
+    sets = tuple(planned.values())
+    if len(expected) < 2 or not expected[best[-1]].seeks(*_LAW):
+        return sets, None
+    for_law = min(by_size[max(by_size)], key=lambda flows: expected[flows].log_volume(*_LAW))
+    return sets, planned[for_law] if for_law in planned else batch.planned(for_law, expected[for_law])
 
 
 # Map of what one capsule tells of its shear modulus with the membrane unknown, next to that with it known. Each point
@@ -448,7 +446,7 @@ MEASURED = {"lengths": "lengths", "outline": "outlines"}
 UNKNOWN, KNOWN = "unknown", "known"
 """Of the membrane, as variables of the map begin."""
 
-_MODULUS = 0.05  # N/m; the map does not depend on it
+_USUAL = 0.05  # N/m, of G_s; the map does not depend on it
 
 
 def membrane_map(
@@ -469,21 +467,17 @@ def membrane_map(
     # version.
     if min(grid) < 2:
         raise InputError("membrane_map", "grid", "two points along each axis", repr(grid))
-    check_lengths(errors, "membrane_map")
-    model = model or MembraneSurrogate.open(experiment.cross_section, view=errors.view)
-    model.check_experiment(experiment)
-    unknowns = unknowns_of(model, membrane or Membrane(), prior or Prior(), experiment, (None, None))
-    scores = expected_scores(unknowns, guess, model)
-    expected = membrane_at(unknowns, scores, Expectation.of(_MODULUS, model_middle(model, experiment), experiment))
-    fixed = model.fixed(**expected)
+    model, unknowns, scores = _expected_membrane("membrane_map", experiment, errors, model, membrane, guess, prior)
     (low, high), sizes = model.domain.bounds
+    expected = membrane_at(unknowns, scores, float(np.mean(sizes)) * experiment.half_width.value)
+    fixed = model.fixed(**expected)
     lowest = max(low, float(lowest_ca(expected["pre_inflation"])))
     ca, size = np.geomspace(lowest, (1.0 - WITHIN) * high, grid[0]), np.linspace(*sizes, grid[1])
     applied, believed = (membrane or Membrane()).applied(model, prior or Prior())
     of_expected = replace(experiment, membrane_thickness=None)
     predictors = {
-        UNKNOWN: WidthPredictor(applied, experiment, errors, prior=believed, surface_shear_modulus=_MODULUS),
-        KNOWN: WidthPredictor(fixed, of_expected, errors, surface_shear_modulus=_MODULUS),
+        UNKNOWN: WidthPredictor(applied, experiment, errors, prior=believed, surface_shear_modulus=_USUAL),
+        KNOWN: WidthPredictor(fixed, of_expected, errors, surface_shear_modulus=_USUAL),
     }
     kinds = ("lengths", "outline") if errors.outline is not None else ("lengths",)
     words = {
@@ -498,12 +492,5 @@ def membrane_map(
             f"{known}_{kind}": predictors[known].log_modulus_sd(seen[kind]) for kind in kinds for known in predictors
         }
 
-    values, _ = over_plane(fixed, ca, size, words, sds, progress=progress)
-    variables = {name: (values[name], words[name]) for name in words}
     attributes = lab_attributes(model, experiment, errors) | {"membrane": json.dumps(expected)}
-    return plane_dataset(fixed, ca, size, variables, attributes)
-
-
-def model_middle(model: MembraneSurrogate, experiment: Experiment) -> float:
-    """Return the radius in the middle of those that a model has [m]."""
-    return float(np.mean(model.domain.bounds[1])) * experiment.half_width.value
+    return over_plane(fixed, ca, size, words, sds, attributes, progress=progress)

@@ -209,7 +209,7 @@ def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Given
     for name in stated:
         if name not in known:
             raise InputError("ranges", name, f"one of {', '.join(known)}", "an unknown input")
-    own = {name: Quantity(setting.value, setting.error) for name, setting in known.items() if setting.error > 0.0}
+    own = {name: Quantity(given.value, given.error) for name, given in known.items() if not given.known}
     ranges = own | {name: varied_range(given, name) for name, given in stated.items()}
     varied = {name: ranges[name] for name in known if name in ranges}
     if len(varied) < 2:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.experiment import AREAS, Experiment, imposed_velocity
+from capsbayes.experiment import Experiment, imposed_velocity
 from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Start, Unknowns, key_of
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import exact_engine
@@ -21,7 +20,7 @@ from capsbayes.infer.shared_membrane import MembraneDraws, MembraneSampling, Mod
 from capsbayes.infer.verdict import leaning
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-from capsbayes.plan.lab import LabErrors, root_of
+from capsbayes.plan.lab import LabErrors, flow_rate, root_of
 from capsbayes.run import step_of
 
 # Expected width of the posterior of a capsule before it is measured. It depends on the noise of the measurement: next
@@ -52,10 +51,6 @@ class Width:
     def names(cls) -> tuple[str, ...]:
         """Return the names of the fields."""
         return tuple(field.name for field in fields(cls))
-
-
-class _LogModulus(NamedTuple):
-    sd: float
 
 
 class WidthPredictor:
@@ -99,20 +94,20 @@ class WidthPredictor:
         shape = self.model.at(capillary_number=capillary_number, size_ratio=size_ratio, outline=outline)
         edge = None if shape.outline is None else shape.outline[0, ::EVERY]
         flow = self.mean_velocity(capillary_number)
-        rate = flow * AREAS[self.experiment.cross_section] * self.experiment.half_width.value**2
+        rate = flow_rate(flow, self.experiment.half_width.value, self.experiment.cross_section)
         return self.errors.measured(shape.values[0, :2], flow * float(shape.velocity_ratio[0]), edge, rate)
 
     def log_modulus_sd(self, seen: Measurement) -> float:
         """Return the standard deviation of ln G_s by a measurement; NaN where it has no posterior."""
 
-        def compute() -> _LogModulus:
+        def compute() -> Width:
             with contextlib.suppress(InputError):
-                return _LogModulus(self.engine(seen).log_marginal("surface_shear_modulus").sd)
-            return _LogModulus(np.nan)
+                return Width(sd=self.engine(seen).log_marginal("surface_shear_modulus").sd)
+            return Width()
 
         engine = self.engine
         key = "membrane map", engine.model.sha256, engine.prior, engine.experiment, seen
-        return step_of(_LogModulus, key, compute).sd
+        return step_of(Width, key, compute).sd
 
     def _at(self, capillary_number: float, size_ratio: float) -> Width:
         shape = self.model({"capillary_number": np.array([capillary_number]), "size_ratio": np.array([size_ratio])})
@@ -128,10 +123,9 @@ class WidthPredictor:
         noisy = [self._posterior(pair, velocity) for pair in lengths + self.lattice @ root.T]
         widths = [width_of(posterior) for posterior in noisy if posterior is not None] or [first]
         draws = plain.drawn(np.random.default_rng(0), _DRAWS)
+        names = "relative", "sd", "relative_radius"
         return Width(
-            relative=float(np.mean([width.relative for width in widths])),
-            sd=float(np.mean([width.sd for width in widths])),
-            relative_radius=float(np.mean([width.relative_radius for width in widths])),
+            **{name: float(np.mean([getattr(width, name) for width in widths])) for name in names},
             noise_free=first.relative,
             leaning=leaning(draws, ("capillary_number", "size_ratio"), self.model.domain.contains),
         )
@@ -261,7 +255,7 @@ class ExpectedMembrane:
         return float(np.sqrt(np.mean(np.var(logs, axis=0))))
 
     def _columns(self, *names: str) -> list[int]:
-        return [COMMON + k for k, one in enumerate(self.unknowns.coordinates) if key_of(one) in names]
+        return [COMMON + k for k, coordinate in enumerate(self.unknowns.coordinates) if key_of(coordinate) in names]
 
 
 def prior_widths(unknowns: Unknowns) -> dict[str, float]:
@@ -275,5 +269,5 @@ def prior_widths(unknowns: Unknowns) -> dict[str, float]:
 def shown_parameters(unknowns: Unknowns, points: Floats) -> dict[str, Floats]:
     """Return the unknown parameters at points (d, p) as widths of them are stated : (d,) arrays by name."""
     membranes = unknowns.membranes(points)
-    names = [key_of(one) for one in unknowns.coordinates]
+    names = map(key_of, unknowns.coordinates)
     return {name: np.log(membranes[name]) if name in LOGARITHMIC else membranes[name] for name in names}
