@@ -12,13 +12,10 @@ its standard error is that of one capsule.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,11 +33,9 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 from evidence.benchmarks import membrane_pools
-from evidence.markdown import renew
+from evidence.benchmarks.stored import Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "membrane-effects.json", ROOT / "evidence" / "results" / "diagnosis.md"
-BEGIN, END = "<!-- two effects -->\n", "<!-- end of two effects -->\n"
 VISCOSITY, HALF_WIDTH, VELOCITY = 0.8, 25e-6, 4e-3  # SI, the last one that of the undisturbed flow
 NOISE, LENGTH_ERROR, EVERY = OutlineNoise(0.01, 0.2), 0.014, 4
 MOST_DIFFERENT = 40
@@ -54,26 +49,15 @@ HEAD = (
 )
 
 
-@dataclass(frozen=True, eq=False)
 class AddedUp(ForwardModel):
-    """Model with effects, each computed alone, whose changes are added up.
+    """Model with effects, named by their parameters and each computed alone, whose changes are added up."""
 
-    Parameters
-    ----------
-    plain : ForwardModel
-    effects : tuple of str
-        Their parameters.
-    """
-
-    plain: ForwardModel
-    effects: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("name", "sha256", "domain", "cross_section"):
-            object.__setattr__(self, name, getattr(self.plain, name))
+    def __init__(self, plain: ForwardModel, effects: tuple[str, ...]) -> None:
+        self.plain, self.effects = plain, effects
+        self.name, self.sha256 = plain.name, plain.sha256
+        self.domain, self.cross_section = plain.domain, plain.cross_section
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch."""
         flow = {name: theta[name] for name in FREE_PARAMETERS[:2]}
         found = without = self.plain(flow, outline=outline)
         for name in self.effects:
@@ -144,9 +128,9 @@ def rows() -> dict[str, dict[str, Any]]:
         ]
         for one, other in combinations(OF_THE_MEMBRANE, 2)
     }
-    table = {name: counted(pairs, some) for name, some in kinds.items()}
+    counts = {name: counted(pairs, chosen) for name, chosen in kinds.items()}
     capsules = membrane_pools.stored("capsules")
-    return table | {f"{ALL_FOUR}, the {MOST_DIFFERENT} most different": counted(capsules, most_different(capsules))}
+    return counts | {f"{ALL_FOUR}, the {MOST_DIFFERENT} most different": counted(capsules, most_different(capsules))}
 
 
 def most_different(pool: dict[str, Floats]) -> list[int]:
@@ -157,13 +141,13 @@ def most_different(pool: dict[str, Floats]) -> list[int]:
     return [int(row) for row in np.argsort(-np.nan_to_num(apart))[:MOST_DIFFERENT]]
 
 
-def counted(pool: dict[str, Floats], some: list[int]) -> dict[str, Any]:
-    """Return what a row of the table states of some capsules of a pool."""
-    seen = [errors(*(pool[key][row] for key in ("values", "numbers", "profile"))) for row in some]
-    found = [one for one in seen if one is not None]
-    counts: dict[str, Any] = {"capsules": len(found), "of": len(some)}
+def counted(pool: dict[str, Floats], chosen: list[int]) -> dict[str, Any]:
+    """Return what a row of the table states of the chosen capsules of a pool."""
+    of_each = [errors(*(pool[key][row] for key in ("values", "numbers", "profile"))) for row in chosen]
+    compared = [capsule for capsule in of_each if capsule is not None]
+    counts: dict[str, Any] = {"capsules": len(compared), "of": len(chosen)}
     for way in WAYS:
-        off, error, gap = np.array([one[way] for one in found]).T
+        off, error, gap = np.array([capsule[way] for capsule in compared]).T
         counts[way] = {
             "rms": float(np.sqrt(np.mean(off**2))),
             "largest": float(np.abs(off).max()),
@@ -173,27 +157,25 @@ def counted(pool: dict[str, Floats], some: list[int]) -> dict[str, Any]:
     return counts
 
 
-def table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the numbers as a Markdown table."""
-    lines = [f"| {' | '.join(HEAD)} |\n", "|---" * len(HEAD) + "|\n"]
+def tables(found: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the table, a row for each pair of effects, and one for all four."""
+    lines = []
     for name, counts in found.items():
         cells = [name, f"{counts['capsules']} of {counts['of']}"]
         for key, scale in (("rms", 1.0), ("largest", 1.0), ("score", 1.0), ("gap", 1e3)):
             cells += [f"{scale * counts[way][key]:.2g}" for way in WAYS]
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return "".join(lines)
+        lines.append(cells)
+    return {"two effects": table(HEAD, lines)}
+
+
+STORED = Stored("membrane-effects.json", "evidence/results/diagnosis.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+    given = with_write(__doc__).parse_args()
     with threadpool_limits(limits=1):
         found = rows()
-    print(table(found))
-    if options.write:
-        STORED.write_text(json.dumps(found, indent=1) + "\n")
-        renew(PAGE, BEGIN, END, table(found))
+    STORED.show(found, write=given.write)
 
 
 if __name__ == "__main__":
