@@ -1,21 +1,18 @@
 """Shapes at low Ca: which exist, which are stable, and which one a capsule started from rest reaches.
 
 ``python -m evidence.benchmarks.low_capillary_number`` traces the branches and follows capsules from rest. The results
-are kept in ``evidence/results/low-capillary-number.json``; run again, it computes only what is missing, and with a word
-such as ``exact`` only results whose name begins with it. ``--page`` computes nothing. ``--write`` renews the tables in
-``evidence/results/low-capillary-number.md`` and its pictures.
+are kept in ``evidence/results/low-capillary-number.json``; run again, it computes only what is missing, with ``--page``
+nothing. ``--write`` renews the tables in ``evidence/results/low-capillary-number.md`` and its pictures.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Simulator
 from capsbayes.physics.continuation import fold, is_shallow, near_rest, parachute, settled, traced
@@ -39,6 +36,7 @@ EXACT = (  # refinement, a/l, Ca
 )
 EXACT_UNTIL = 6.0  # U t / l
 TICKS = (0.003, 0.005, 0.01, 0.02, 0.03)
+LENGTHS = ("axial_extent", "axial_length")
 State = dict[str, float]
 Results = dict[str, list[State]]
 
@@ -113,27 +111,17 @@ def tasks() -> Iterator[tuple[str, Callable[[], list[State]]]]:
         yield f"mesh {refinement}", partial(snap_through, refinement)
 
 
-def compute(wanted: str) -> None:
-    """Compute and store the missing results whose name begins with `wanted`."""
-    known: Results = STORED.read()
-    with ProcessPoolExecutor(initializer=threadpool_limits, initargs=(1,)) as pool:
-        missing = {pool.submit(task): name for name, task in tasks() if name not in known and name.startswith(wanted)}
-        for done in as_completed(missing):
-            name = missing[done]
-            known[name] = [{key: float(f"{value:.6g}") for key, value in state.items()} for state in done.result()]
-            STORED.write(dict(sorted(known.items())))
-            print(name, len(known[name]), flush=True)
+def rounded(task: Callable[[], list[State]]) -> list[State]:
+    """Return the states of a task with six digits, which are stored."""
+    return [{key: float(f"{value:.6g}") for key, value in state.items()} for state in task()]
 
 
 def shipped_rows(database: Database, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Ca, L_z/2a and L_a/2a of one sweep of a database, below HIGHEST."""
     cases = database.converged
     here = (np.abs(cases["size_ratio"] - size) < 1e-6) & (cases["capillary_number"] < 1.01 * HIGHEST)
-    return (
-        cases["capillary_number"][here],
-        cases["axial_extent"][here] / (2 * size),
-        cases["axial_length"][here] / (2 * size),
-    )
+    lengths = (cases[quantity][here] / (2 * size) for quantity in LENGTHS)
+    return cases["capillary_number"][here], *lengths
 
 
 def finish(axis, size: float) -> None:
@@ -153,7 +141,7 @@ def draw_branches(known: Results) -> Figure:
             states = known.get(f"{kind} {size}", [])
             ca = np.array([state["ca"] for state in states])
             stable = np.array([state["growth"] < 0 for state in states], dtype=bool)
-            for quantity, line in (("axial_extent", "-"), ("axial_length", "--")):
+            for quantity, line in zip(LENGTHS, ("-", "--"), strict=True):
                 length = np.array([state[quantity] for state in states]) / (2 * size)
                 axis.plot(ca, length, line, color=colour, linewidth=1, label=text if line == "-" else None)
                 axis.plot(ca[~stable], length[~stable], "o", color=colour, markerfacecolor="white", markersize=4)
@@ -166,6 +154,12 @@ def draw_branches(known: Results) -> Figure:
     return figure
 
 
+def curves(axis, colour, label: str, ca, extent, length) -> None:
+    """Draw L_z/2a and L_a/2a over Ca."""
+    axis.plot(ca, extent, "o-", color=colour, linewidth=0.8, markersize=4, label=label)
+    axis.plot(ca, length, "x--", color=colour, linewidth=0.8, markersize=4)
+
+
 def draw_settings(known: Results) -> Figure:
     """Draw how bending and pre-inflation change the shapes from rest."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
@@ -176,17 +170,12 @@ def draw_settings(known: Results) -> Figure:
         axis = axes[0, column]
         for bending, colour in zip(BENDINGS, colours, strict=False):
             states = [state for ca in BENT_CA for state in known.get(f"bending {bending} {size} {ca}", [])]
-            ca = [state["ca"] for state in states]
-            for quantity, line in (("axial_extent", "o-"), ("axial_length", "x--")):
-                length = [state[quantity] / (2 * size) for state in states]
-                text = f"B = {bending:g}" if line == "o-" else None
-                axis.plot(ca, length, line, color=colour, linewidth=0.8, markersize=4, label=text)
+            lengths = ([state[quantity] / (2 * size) for state in states] for quantity in LENGTHS)
+            curves(axis, colour, f"B = {bending:g}", [state["ca"] for state in states], *lengths)
         finish(axis, size)
         axis = axes[1, column]
         for value, colour in zip(inflated.values, colours, strict=True):
-            ca, extent, length = shipped_rows(inflated.at_value(float(value)), size)
-            axis.plot(ca, extent, "o-", color=colour, linewidth=0.8, markersize=4, label=f"alpha = {value:g}")
-            axis.plot(ca, length, "x--", color=colour, linewidth=0.8, markersize=4)
+            curves(axis, colour, f"alpha = {value:g}", *shipped_rows(inflated.at_value(float(value)), size))
         finish(axis, size)
     for axis in axes[:, 0]:
         axis.set_ylabel("L_z / 2a (o), L_a / 2a (x)")
@@ -269,12 +258,10 @@ STORED = Stored("low-capillary-number.json", "evidence/results/low-capillary-num
 
 def main() -> None:
     parser = with_write(__doc__)
-    parser.add_argument("wanted", nargs="?", default="", help="beginning of the names of the results to compute")
     parser.add_argument("--page", action="store_true", help="compute nothing")
     given = parser.parse_args()
-    if not given.page:
-        compute(given.wanted)
-    known = STORED.read()
+    missing = () if given.page else ((name, partial(rounded, task)) for name, task in tasks())
+    known = STORED.completed(missing)
     STORED.show(known, write=given.write)
     if given.write:
         for name, draw in (("branches", draw_branches), ("settings", draw_settings)):

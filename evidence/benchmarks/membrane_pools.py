@@ -23,10 +23,11 @@ of refinement 12.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -195,9 +196,8 @@ class Batch(NamedTuple):
             modulus = float(np.exp(self.modulus_spread * random.standard_normal()))
             radius = 1.0 + self.radius_spread * float(random.standard_normal())
             values = self.values.copy()
-            inflation = (
-                float(np.exp(self.inflation_spread * random.standard_normal())) if self.inflation_spread else 1.0
-            )
+            varied = self.inflation_spread * random.standard_normal() if self.inflation_spread else 0.0
+            inflation = float(np.exp(varied))
             values[:3] *= self.factors[flow] / modulus, radius, inflation
             if covered(values[None])[0]:
                 of_it = {"flow_factor": float(self.factors[flow]), "modulus_spread": self.modulus_spread}
@@ -216,22 +216,17 @@ def simulate_batch(store: Store, continuation: Continuation, batch: Batch) -> No
         name = f"batch-{batch.number:02d}-capsule-{member:02d}"
         part = store.load(name)
         if part is None:
-            part = simulated_member(starts, [firsts[member]], members[member])
+            part = simulated_member(starts, chain([firsts[member]], members[member]))
             store.save(name, part)
         if part["reached"]:
             starts.found.append(ScatteredState(**{field.name: part[field.name] for field in fields(ScatteredState)}))
 
 
-def simulated_member(
-    starts: Starts,
-    firsts: list[tuple[Floats, dict[str, float]]],
-    candidates: Iterator[tuple[Floats, dict[str, float]]],
-) -> dict[str, Any]:
+def simulated_member(starts: Starts, candidates: Iterator[tuple[Floats, dict[str, float]]]) -> dict[str, Any]:
     """Simulate the first candidate that has a steady shape."""
     lost: list[Floats] = []
     continuation = starts.continuation
-    while len(lost) < TRIED:
-        values, of_it = firsts.pop() if firsts else next(candidates)
+    for values, of_it in islice(candidates, TRIED):
         state = starts.reached(continuation.places(values[None])[0], derivatives=True)
         if state is not None:
             of_state = {field.name: getattr(state, field.name) for field in fields(state)}
@@ -275,13 +270,11 @@ def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def finished(kind: str, store: Store) -> dict[str, dict[str, Any]]:
-    """Return what has ended of the capsules of a folder by name; of batches those that are whole."""
+def finished(kind: str, store: Store) -> list[dict[str, Any]]:
+    """Return what has ended of the capsules of a folder; of batches those that are whole."""
     parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
-    if kind in BATCHES:
-        whole = {name[:8] for name in parts if sum(other.startswith(name[:8]) for other in parts) == MEMBERS}
-        parts = {name: part for name, part in parts.items() if name[:8] in whole}
-    return parts
+    of_batch = Counter(name[:8] for name in parts)
+    return [part for name, part in parts.items() if kind not in BATCHES or of_batch[name[:8]] == MEMBERS]
 
 
 def write(kind: str, parts: list[dict[str, Any]], settings: Mapping[str, object]) -> None:
@@ -328,7 +321,7 @@ def main() -> None:
                 for number in range(BATCHES[given.kind]):
                     simulate_batch(store, continuation, Batch.drawn(number, inflated=given.kind == "inflated"))
     finally:
-        write(given.kind, list(finished(given.kind, store).values()), continuation.settings)
+        write(given.kind, finished(given.kind, store), continuation.settings)
 
 
 if __name__ == "__main__":

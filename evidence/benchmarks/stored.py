@@ -77,7 +77,7 @@ def completed(file: Path | None, tasks: Iterable[tuple[str, Task]]) -> dict[str,
                 results[name] = task()
             if file is not None:
                 write(file, results)
-            print(name, flush=True)
+                print(name, flush=True)
     return results
 
 
