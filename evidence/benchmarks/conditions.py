@@ -1,14 +1,9 @@
 """Lengths and silhouettes measured under the faults of a recording.
 
-Run ``python -m evidence.benchmarks.conditions [COUNT]``. The same simulated capsules, 60 px to l, are drawn under each
-condition by ``evidence/benchmarks/camera.py``, which shares no code with what measures them. Capsules 0 to 99 are those
-on which limits and errors were set (``--first 0``); those counted follow. For each condition the table gives how many
-were measured or refused; of L_z and L_a bias, scatter, stated error, and the shares of the 68 and 95 % intervals that
-hold the truth; and the misfit of the silhouette about the true one, the mean square of its residuals over the stated
-covariance, 1 if that is right: median and 90 % quantile.
-
-``--write`` renews ``evidence/results/conditions.json`` and the table in ``evidence/results/pictures.md``. ``--keep
-FILE`` keeps what was measured of each capsule, so that an interrupted run goes on there.
+Run ``python -m evidence.benchmarks.conditions [COUNT]``. Capsules 0 to 99 are those on which limits and errors were set
+(``--first 0``); those counted follow. ``--keep FILE`` keeps what was measured of each capsule, so that an interrupted
+run goes on there. ``--write`` renews ``evidence/results/conditions.json`` and the table in
+``evidence/results/pictures.md``, where it is described.
 """
 
 from __future__ import annotations
@@ -163,7 +158,10 @@ def measured(shot: Taken) -> Detection:
 
 
 def row(shot: Taken, seen: Detection) -> dict[str, Any]:
-    """Return the status, the errors of L_z and L_a with the stated ones [px], and the silhouette's misfit."""
+    """Return the status, the errors of L_z and L_a with the stated ones [px], and the misfit of the silhouette.
+
+    The misfit is the mean square of its residuals over the stated covariance, 1 if that is right.
+    """
     made: dict[str, Any] = {"status": seen.status.name}
     if seen.status.ok:
         sd = np.sqrt(np.diag(seen.covariance))

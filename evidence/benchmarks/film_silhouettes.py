@@ -1,10 +1,7 @@
 """The silhouette of a film against those of its frames: ``python -m evidence.benchmarks.film_silhouettes [FILMS]``.
 
 Each film shows a simulated capsule that passes ``evidence/benchmarks/camera.py``, which shares no code with what
-measures it, and which is omitted from the surrogate that identifies it. G_s is found by the silhouette of the film, by
-that of each of its frames with the film's velocity, and by the film's lengths alone; viscosity and half width are
-known. The table gives the shares of the intervals of G_s and a/l that hold the truth, the median standard deviations,
-and the standard deviation of ln G_s by the film over that by the frame that tells most.
+measures it, and which is omitted from the surrogate that identifies it; viscosity and half width are known.
 
 ``evidence/results/films.json`` keeps each film when it is done: an interrupted run goes on there. ``--write`` renews
 the table in ``evidence/results/pictures.md``.

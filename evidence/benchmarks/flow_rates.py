@@ -1,13 +1,9 @@
 """Hide wrong velocities, flow rates and widths, and see what the diagnosis says.
 
-Run ``python -m evidence.benchmarks.flow_rates``. Sessions are drawn from the simulated shapes of
-``data/pools/none-0.nc`` in a lab that states its flow rates to 0.5 % and its half width to 0.1 um (0.4 %), or to 1 %
-both; the stated values are wrong within these errors. The faults are put in by the code of the blind sessions, which
-shares nothing with the operators of the effects.
-
-Each session takes five seconds of processor time with lengths alone and a minute with outlines; finished sessions are
-kept in ``evidence/results/flow-rates.json``, and ``--sessions`` says how many of each row there shall be. ``--write``
-renews the table in ``evidence/results/diagnosis.md``.
+Run ``python -m evidence.benchmarks.flow_rates --sessions 1``. The faults are put in by the code of the blind sessions,
+which shares nothing with the operators of the effects. Each session takes five seconds of processor time with lengths
+alone and a minute with outlines; finished ones are kept in ``evidence/results/flow-rates.json``. ``--write`` renews the
+table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Compare what the commands report under several BLAS kernels and numbers of threads.
 
-``python -m evidence.benchmarks.machines --write`` writes the table of ``evidence/results/machine-independence.md``.
 Each environment has a process of its own, which runs all `COMMANDS`; ``--quick`` runs the commands of a few seconds
-under two kernels.
-
-The difference of two numbers is divided by their size or, if that gives less, by the width of the interval that is
-reported with them; probabilities, shares, logarithms and numbers in standard errors are compared as they are.
+under two kernels. ``--write`` renews the table in ``evidence/results/machine-independence.md``, which says how
+differences are measured.
 """
 
 from __future__ import annotations

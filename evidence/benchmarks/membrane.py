@@ -1,10 +1,8 @@
 """Compare the surrogate over flow and membrane with states left out, and with simulations on a finer mesh.
 
-Run ``python -m evidence.benchmarks.membrane``; ``--write`` renews the table in ``evidence/results/membrane.md``. Each
-state is predicted from nine tenths of the others, and the capsules of ``data/pools/membrane-capsules.npz`` from all.
+Run ``python -m evidence.benchmarks.membrane``; ``--write`` renews the table in ``evidence/results/membrane.md``.
 ``--simulate FOLDER`` first simulates shapes at random places, which are no states, on a mesh of refinement 12; each
-finished one is kept in FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``. z is a difference
-over the stated error.
+finished one is kept in FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``.
 """
 
 from __future__ import annotations

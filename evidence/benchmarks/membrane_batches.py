@@ -1,23 +1,9 @@
 """Coverage of what a batch tells of its membrane: ``python -m evidence.benchmarks.membrane_batches FOLDER``.
 
-The batches are those of ``data/pools/membrane-batches.npz``: 40 capsules each, simulated one by one, at four flow
-rates. The capsules are measured with errors as in ``membrane_coverage.py``, the pump tells the flow rate to 1 %, and
-errors of viscosity, half width and pump are shared by the batch. Counted is whether intervals hold the truth: of the
-mean G_s of the population, of alpha, K, h and B of the membrane, and of G_s of each capsule. The first fourteen batches
-were looked at while the method was made; the later ones are counted apart too.
-
-Then one flow rate is left out, in turn from batch to batch, and predicted from the others: capsules drawn from the
-population flow at it, and the 68 % and 95 % intervals of their L_z, L_a and v_o with their errors are to hold what was
-measured there. The same is done with the membrane taken as neo-Hookean, without inflation and with the bending
-stiffness of the plain databases.
-
-Batches whose pre-inflation varies, of ``data/pools/membrane-inflated.npz``, are read as of one inflation and as of one
-that varies, by outlines. The model's own error is measured at the capsules of ``data/pools/membrane-capsules.npz``
-along what tells a membrane, over its stated standard deviation: 5 % of a normal error would be above 1.96.
-
-``--lengths N`` and ``--outlines N`` say how many batches there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-batches.json`` and the tables
-in ``evidence/results/membrane.md``.
+``--lengths N`` and ``--outlines N`` say how many batches of ``data/pools/membrane-batches.npz`` there are to be of each
+kind. Each finished one is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
+``evidence/results/membrane-batches.json`` and the tables in ``evidence/results/membrane.md``, where the batches are
+described.
 """
 
 from __future__ import annotations

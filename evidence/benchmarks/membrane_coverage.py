@@ -1,15 +1,9 @@
 """Coverage of the intervals with the membrane unknown: ``python -m evidence.benchmarks.membrane_coverage FOLDER``.
 
-The capsules are those of ``data/pools/membrane-capsules.npz`` in the domain of the model: simulated one by one, with
-membranes drawn from the default priors. Each is measured with errors: its lengths to 0.01 l, or its mid-plane outline
-to 0.005 l; its velocity to 1 %, the viscosity to 1 %, the half width to 0.2 %. It is identified with the membrane
-unknown, and with the default model, which takes it as neo-Hookean and not inflated. Of each it is counted whether the
-68 % and 95 % intervals hold the truth. So it is, with the membrane unknown, of ``data/pools/membrane-others.npz``:
-capsules whose laws are no members of the family.
-
-``--lengths N`` and ``--outlines N`` say how many capsules there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-coverage.json`` and the
-tables in ``evidence/results/membrane.md``; rows that FOLDER does not hold stay as they are.
+``--lengths N`` and ``--outlines N`` say how many capsules of ``data/pools/membrane-capsules.npz`` there are to be of
+each kind, ``--others N`` how many of ``membrane-others.npz``. Each finished one is kept in FOLDER, so that an
+interrupted run resumes. ``--write`` renews ``evidence/results/membrane-coverage.json`` and the tables in
+``evidence/results/membrane.md``, where the capsules are described; rows that FOLDER does not hold stay as they are.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """Compare two effects of the membrane computed together with their sum.
 
-Run ``python -m evidence.benchmarks.membrane_effects``. The capsules are those of ``data/pools/membrane-pairs.npz``,
-whose membranes differ from the plain one in two parameters, and of ``data/pools/membrane-capsules.npz`` those of which
-sum and joint prediction differ most, where all four differ. To the mid-plane outline of each, without errors, a model
+Run ``python -m evidence.benchmarks.membrane_effects``. To the mid-plane outline of each capsule of
+``data/pools/membrane-pairs.npz``, and of those of ``membrane-capsules.npz`` for which both ways differ most, a model
 fits Ca and a/l at the true sizes of the effects as in a diagnosis, with the noise of the exam: 0.01 l, correlated along
-the outline. The model has the effects computed together, or their changes added up. What ln G_s is off by is a bias;
-its standard error is that of one capsule.
+the outline.
 
 ``--write`` renews ``evidence/results/membrane-effects.json`` and the table in ``evidence/results/diagnosis.md``.
 """

@@ -1,14 +1,10 @@
-"""What a batch is expected to tell of its membrane, and what it tells: ``membrane_sensitivity.py FOLDER``.
+"""What a batch is expected to tell of its membrane, and what it tells.
 
-The batches are those of ``data/pools/membrane-batches.npz``, simulated one by one and measured as in
-``membrane_batches.py``, several times with other noise (``--noises``). Each is identified with the membrane unknown.
-The standard deviations that the answers state are compared with those that the flow design expects of a batch with
-the same membrane, population and flow rates, before anything is measured. The same design says what one capsule would
-tell at the best one to four flow rates.
-
-Each finished batch is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
-``evidence/results/membrane-sensitivity.json`` and the tables in ``evidence/results/membrane.md``, also that of the map,
-which is ``evidence/results/membrane-map.json``, a ``map.json`` of ``capsbayes sensitivity map --membrane unknown``.
+Run ``python -m evidence.benchmarks.membrane_sensitivity FOLDER``. The batches are those of ``membrane_batches``,
+measured several times with other noise (``--noises``). Each finished one is kept in FOLDER, so that an interrupted run
+resumes. ``--write`` renews ``evidence/results/membrane-sensitivity.json`` and the tables in
+``evidence/results/membrane.md``, also that of the map, which is ``evidence/results/membrane-map.json``, a ``map.json``
+of ``capsbayes sensitivity map --membrane unknown``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Capsules off the axis and what their silhouettes tell: ``python -m evidence.benchmarks.off_axis``.
 
-A steady capsule is shifted off the axis and followed in time, on a mesh with one mirror plane: it migrates back, and is
-askew on the way. Its silhouettes are seen across the way that it migrates, and along it. To them is added what the
-surrogate's shape is next to the steady one of this mesh, so that what is left of Ca and a/l is due to the offset; the
-errors drawn are 0.003 l. Each is identified with the odd part of the outline as a nuisance and without.
+A steady capsule is shifted off the axis and followed in time, on a mesh with one mirror plane. To its silhouettes is
+added what the surrogate's shape is next to the steady one of this mesh, so that what is left of Ca and a/l is due to
+the offset.
 
 ``evidence/results/off_axis.json`` keeps each capsule when it is done. ``--write`` renews the table in
 ``evidence/results/pictures.md``.

@@ -1,11 +1,8 @@
 """Compare every shipped surrogate with simulations at the nodes of its database, and off them.
 
-Run ``python -m evidence.benchmarks.off_nodes``; ``--write`` renews the table in ``evidence/results/off-nodes.md``. z is
-a difference from a simulation over the error that the surrogate states. The simulations off the nodes are those of
-``data/pools`` and ``data/fresh.npz``, at refinement 12; `fresh.py` makes the latter. At its nodes an effect database is
-compared alone, without the finer database that is its base, whose mesh gives other shapes; for shapes off the nodes it
-has its base. The error of the mesh of a plain database, or of a base, is not part of the error here: the simulations
-have that mesh. A stated error counts as flagged where the surrogate has the caveat of two shapes or of unsure shapes.
+Run ``python -m evidence.benchmarks.off_nodes [NAME ...]``; ``--write`` renews the table in
+``evidence/results/off-nodes.md``, where it is described. A stated error counts as flagged where the surrogate has the
+caveat of two shapes or of unsure shapes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """What an effect that the model omits does to G_s and a: ``python -m evidence.benchmarks.omitted_effects --write``.
 
-The effects and their sizes are those of the exam. Forty capsules with each are drawn from its simulated shapes, and the
-microscope's effects are drawn on them as plane geometry; the plain model is fitted to the outline of each, which is
-measured without errors and weighted as one with errors of 0.01 l. Takes half a minute.
+The effects and their sizes are those of the exam. The plain model is fitted to the outlines of forty capsules with
+each, measured without errors and weighted as with errors of 0.01 l. Takes half a minute.
 
 ``--write`` renews ``evidence/results/omitted-effects.json`` and the table in ``docs/limits.md``.
 """

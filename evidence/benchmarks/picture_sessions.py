@@ -2,13 +2,9 @@
 
     python -m evidence.benchmarks.picture_sessions --sessions 3 --write
 
-Each session has a laboratory of its own, as in the exam. Its capsules are drawn in pictures, 60 px to l, by
-``evidence/benchmarks/camera.py``, which shares no code with what measures them; one microscope takes all pictures of a
-session. They are measured and diagnosed as a folder of pictures is. Rows in which a fault of the camera is no effect of
-the catalogue say whether poor pictures are taken for physics.
-
 Diagnoses the sessions of each row that have no answer in ``evidence/results/picture-sessions.json`` yet, half a minute
-each, and prints the table of all answers. ``--write`` renews the table in ``evidence/results/diagnosis.md``.
+each, and prints the table of all answers. ``--write`` renews the table in ``evidence/results/diagnosis.md``, where the
+sessions are described.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Lengths measured in drawn pictures: bias, coverage of the intervals, seconds.
 
 Run ``python -m evidence.benchmarks.pictures [COUNT]``. Each picture shows a simulated capsule drawn at random from a
-shipped database, with optics drawn at random: three sets of blur, each measured with the background given. The
-intervals are those of the measurement; the counts expected by chance are printed next to them.
+shipped database, with optics drawn at random: three sets of blur, each measured with the background given.
 """
 
 from __future__ import annotations

@@ -1,17 +1,10 @@
 """Coverage of the intervals of populations.
 
-Run ``python -m evidence.benchmarks.population_coverage [kinds|shared|cut] [--sessions 200] [--only t3]``.
-
-``kinds`` draws sessions of normal populations, soft ones of which three in ten have no steady shape, ones with heavy
-tails, and ones with odd capsules. The lengths are perturbed by the surrogate's own error as well as by that of the
-measurement, and in one row the true limit of steady shapes lies 3 % below that of the model. Of each fit it counts how
-often the 68 % and 95 % intervals contain the truth, and how often the check of the tails objects. The counts are
-written to ``evidence/results/population-coverage.json``, row by row, the table into
-``evidence/results/populations.md``.
-
-``shared`` counts 95 % intervals in sessions of 150 and 1000 capsules with a viscosity known to 5 % and a half width
-known to 1 %, also with both taken as exact; ``cut`` those of sessions of 150 capsules of which only those above
-Lambda = 1.08 are kept, with the cut ignored and accounted for. Their tables are printed, nothing is stored.
+Run ``python -m evidence.benchmarks.population_coverage [kinds|shared|cut] [--sessions 200] [--only t3]``. ``kinds``
+writes the counts to ``evidence/results/population-coverage.json``, row by row, and the table into
+``evidence/results/populations.md``, where the sessions are described. ``shared`` counts 95 % intervals in sessions of
+150 and 1000 capsules, also with viscosity and half width taken as exact; ``cut`` those of sessions of which only the
+capsules above Lambda = 1.08 are kept, with the cut ignored and accounted for. Their tables are printed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Compare the widths that the flow design predicts with those of simulated capsules, identified one by one.
 
-Run ``python -m evidence.benchmarks.sensitivity [CAPSULES]``. Each row is one mean velocity of a design: capsules are
-drawn as expected, with the model's own error, measured with the errors of the lab and identified by quadrature. The
-target is a prediction within 10 % of the mean width. The last columns describe the position of the capsule: whether the
-posterior leans on the border of the database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
+Run ``python -m evidence.benchmarks.sensitivity [CAPSULES]``. Each row is one mean velocity of a design. The target is a
+prediction within 10 % of the mean width. The last column says whether the posterior leans on the border of the
+database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Silhouettes measured in drawn pictures: their noise compared with the stated one, and the posteriors from them.
 
-Run ``python -m evidence.benchmarks.silhouettes [CAPSULES]``. The pictures are those of
-``evidence/benchmarks/pictures.py``, of simulated capsules, each of which is omitted from the surrogate that identifies
-it; those at the border of the database, beyond which no interval can reach, are not drawn. The first table gives the
-normal residuals of the measured silhouettes about the true ones; the second the shares of the intervals of Ca and a/l
-that contain the truth, and their widths compared with those from the lengths of the same pictures. An interrupt ends
-the run and prints the results so far; ``--write`` renews ``evidence/results/silhouettes.json`` and the tables in
+Run ``python -m evidence.benchmarks.silhouettes [CAPSULES]``. The pictures are those of ``pictures``. Capsules at the
+border of the database, beyond which no interval can reach, are not drawn. An interrupt ends the run and prints the
+results so far; ``--write`` renews ``evidence/results/silhouettes.json`` and the tables in
 ``evidence/results/pictures.md``.
 """
 
