@@ -102,7 +102,7 @@ def test_a_mutant_of_a_compiled_function_is_run_and_what_is_done_is_kept(tmp_pat
     script = (
         "import json, sys; from pathlib import Path; from evidence.benchmarks import mutation\n"
         "bench, done = mutation.Bench(Path(sys.argv[1]), 'capsule'), {}\n"
-        "room = mutation.Room(('law.py',), ('tests/test_law.py',))\n"
+        "room = mutation.Room(('law.py',), ('tests/test_law.py',), interpreted=True)\n"
         "text = (bench.src / 'capsule' / 'law.py').read_text()\n"
         "for _ in range(2):\n"
         "    (bench.src / 'capsule' / 'law.py').write_text(text)\n"
