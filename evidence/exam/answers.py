@@ -143,7 +143,7 @@ def _size(cell: Cell, study: Study) -> dict[str, float]:
 
 # The record of the diagnosis that the locked half is opened with
 
-_OTHER = ("app", "cli", "image", "show")  # folders of the package with code that decides no answer
+_OTHER = ("app", "cli", "image", "report")  # folders of the package with code that decides no answer
 _RECORD = "frozen.json"
 
 
