@@ -143,12 +143,12 @@ def without_mesh_error(database: Database) -> Database:
     return Database(dataset)
 
 
-def rows(name: str, *, outlines: bool = True) -> list[Row]:
+def rows(name: str) -> list[Row]:
     """Compare one shipped surrogate with its nodes, then with everything that is off them."""
     database, model = Database.open(name), on_its_mesh(name)
     alone = model if database.effect == NO_EFFECT else Surrogate.from_database(without_mesh_error(database))
     made = [compared(name, alone, at_nodes(database, alone))]
-    return made + [compared(name, model, shapes, outlines=outlines) for shapes in off_nodes(name)]
+    return made + [compared(name, model, shapes) for shapes in off_nodes(name)]
 
 
 def cells(row: Row) -> list[str]:
