@@ -92,8 +92,8 @@ def timed() -> None:
             count = sum(picture is not None for picture in Film.open(path).frames())
             decoding = (process_time() - start) / count
             per_frame = seconds[1] / count
-            background = f"{seconds[2] - seconds[1]:.2f}"
-            rows.append((path.name, f"{1e3 * per_frame:.1f}", f"{1e3 * decoding:.1f}", background))
+            once = f"{seconds[2] - seconds[1]:.2f}"
+            rows.append((path.name, f"{1e3 * per_frame:.1f}", f"{1e3 * decoding:.1f}", once))
     print(table(("film", "ms a frame", "of them decoding", "s for the background, once"), rows))
 
 
