@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from capsbayes.arrays import Floats
-from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable
 from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
@@ -28,7 +26,6 @@ from capsbayes.physics.continuation import SLACK_LIMIT
 from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, NeoHookean, Skalak, StrainHardening
 from capsbayes.physics.scattered import (
     Continuation,
-    ScatteredState,
     membrane_continuation,
     scattered_dataset,
     scattered_states,
@@ -106,33 +103,8 @@ RECIPES: dict[str, Recipe] = {
 def recipe_named(name: str) -> Recipe:
     """Return the recipe of one database; refuse an unknown name."""
     if name not in RECIPES:
-        raise InputError("recipe", "", f"one of {', '.join(RECIPES)}", repr(name))
+        raise InputError("recipe", "", f"one of {', '.join((*RECIPES, *MEMBRANES))}", repr(name))
     return RECIPES[name]
-
-
-def build_shipped(
-    name: str,
-    *,
-    out: str | os.PathLike[str],
-    full: bool = False,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-) -> Database:
-    """Build a database that comes with the library, compact unless `full`, see `Database.compact`."""
-    recipe = recipe_named(name)
-    return build_database(
-        recipe.simulator,
-        recipe.cases,
-        out=out,
-        effect=recipe.effect,
-        values=recipe.values,
-        scheduler=scheduler,
-        workers=workers,
-        progress=progress,
-        compare=recipe.compare,
-        compact=not full,
-    )
 
 
 # States over flow and membrane. The places follow Sobol's sequence, stretched along Ca to where states are sought at
@@ -142,11 +114,12 @@ def build_shipped(
 
 
 class MembraneRecipe(NamedTuple):
-    """A cross-section, and how many places are sought within the range and on its border."""
+    """A cross-section, how many places are sought within the range and on its border, and the mesh."""
 
     cross_section: str
     states: int
     border_states: int
+    refinement: int = 8
 
 
 MEMBRANES = {
@@ -156,11 +129,6 @@ MEMBRANES = {
 """Recipes of the shipped databases over the membrane, by their names."""
 
 _NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
-
-
-def membrane_start(continuation: Continuation) -> ScatteredState:
-    """Return the state from which the others are reached: a parachute, sought from rest."""
-    return continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))
 
 
 def spread_points(states: int, border_states: int) -> Floats:
@@ -187,35 +155,15 @@ def membrane_places(continuation: Continuation, points: Floats) -> Floats:
 
 
 def build_membranes(
-    name: str,
-    *,
-    out: str | os.PathLike[str],
-    states: int | None = None,
-    border_states: int | None = None,
-    refinement: int = 8,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
+    recipe: MembraneRecipe, *, out: Path, scheduler: str | None = None, workers: int | None = None
 ) -> MembraneDatabase:
-    """Simulate a shipped database over flow and membrane; finished states are kept in ``OUT.parts``."""
+    """Simulate a database over flow and membrane; finished states are kept in ``OUT.parts``."""
     # States that the mesh does not resolve count as lost.
-    if name not in MEMBRANES:
-        raise InputError("rebuild", "name", f"one of {', '.join(MEMBRANES)}", repr(name))
-    check_replaceable(Path(out))
-    recipe = MEMBRANES[name]
-    within = recipe.states if states is None else states
-    on_border = recipe.border_states if border_states is None else border_states
-    continuation = membrane_continuation(recipe.cross_section, refinement)
-    places = membrane_places(continuation, spread_points(within, on_border))
-    found = scattered_states(
-        continuation,
-        membrane_start(continuation),
-        places,
-        folder=f"{os.fspath(out)}.parts",
-        scheduler=scheduler,
-        workers=workers,
-        progress=progress,
-    )
+    check_replaceable(out)
+    continuation = membrane_continuation(recipe.cross_section, recipe.refinement)
+    places = membrane_places(continuation, spread_points(recipe.states, recipe.border_states))
+    start = continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))  # a parachute
+    found = scattered_states(continuation, start, places, folder=f"{out}.parts", scheduler=scheduler, workers=workers)
     resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
     database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
     database.write(out)
@@ -229,13 +177,22 @@ def rebuild(given: argparse.Namespace) -> int:
         raise InputError("rebuild", "--out", "a file name that ends in .nc", repr(str(out)))
     if not out.parent.is_dir():
         raise InputError("rebuild", "--out", "a folder that exists", repr(str(out.parent)))
-    how = {"out": out, "scheduler": given.scheduler, "workers": given.workers}
+    on = {"scheduler": given.scheduler, "workers": given.workers}
     if given.name in MEMBRANES:
-        states = build_membranes(given.name, **how).as_dict()
+        states = build_membranes(MEMBRANES[given.name], out=out, **on).as_dict()
         print(f"{out}: {states['states']} states, {states['lost']} lost\nsha256  {states['sha256']}")
         return 0
-    begin = time.perf_counter()
-    database = build_shipped(given.name, full=given.full, **how)
+    begin, recipe = time.perf_counter(), recipe_named(given.name)
+    database = build_database(
+        recipe.simulator,
+        recipe.cases,
+        out=out,
+        effect=recipe.effect,
+        values=recipe.values,
+        compare=recipe.compare,
+        compact=not given.full,
+        **on,
+    )
     print(f"{out}: {len(database)} cases in {time.perf_counter() - begin:.1f} s")
     for name, number in database.as_dict()["statuses"].items():
         print(f"{number:6d}  {Status[name]}")

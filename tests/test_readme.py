@@ -1,6 +1,5 @@
 """The gate runs each shell block of the README and nothing else; its Python runs, and its figures are those counted."""
 
-import json
 import re
 import runpy
 import subprocess
@@ -52,9 +51,9 @@ def test_the_python_prints_an_interval_that_holds_the_truth():
 
 def test_the_figures_of_coverage_are_those_of_the_last_run():
     """Those of blind sessions are compared with the answers of the exam."""
-    pictures = [row["silhouette"] for row in json.loads(silhouettes.STORED.read_text()).values()]
+    pictures = [row["silhouette"] for row in silhouettes.STORED.read().values()]
     held, drawn = sum(round(row["95%"][0] * row["n"]) for row in pictures), sum(row["n"] for row in pictures)
-    sessions = json.loads(population_coverage.STORED.read_text())["lost"]
+    sessions = population_coverage.STORED.read()["lost"]
     words = " ".join(README.split())
     assert f"in {held} of {drawn} [drawn pictures]" in words
     assert f"in {sessions['surface_shear_modulus 95']} of {sessions['sessions']} [sessions]" in words

@@ -30,120 +30,55 @@ MARGIN = 36.0  # px around the capsule along the channel
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """Shape of a capsule and its place.
+    """Shape of a capsule, and its place."""
 
-    Parameters
-    ----------
-    profile, silhouette : (p, 2) array [l]
-        Outline in the plane of the axis, and as seen from the side; columns (z, y), z along the flow.
-    centre : tuple of float [px]
-        Place (x, y) of the middle of its length.
-    """
-
-    profile: Floats
-    silhouette: Floats
-    centre: tuple[float, float]
+    profile: Floats  # outline (p, 2) in the plane of the axis [l]; columns (z, y), z along the flow
+    silhouette: Floats  # as seen from the side
+    centre: tuple[float, float]  # place (x, y) of the middle of its length [px]
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Capsule and channel in the light: darknesses are fractions of the full light, lengths are in pixels.
+    """Capsule and channel in the light: darknesses are fractions of the full light, lengths are in pixels."""
 
-    Parameters
-    ----------
-    interior : float
-        Darkness of the capsule within its membrane.
-    membrane, membrane_width : float
-        Darkness added at the outer edge, and the depth at which it has fallen to 1/e.
-    rear, rear_width : float
-        Darkness of the membrane of a concave rear, and half its breadth, where it is half as dark.
-    halo, halo_width : float
-        Light added just outside the edge, and the distance at which it has fallen to 1/e.
-    wall, wall_width : float
-        Darkness of a wall's band, and half its breadth, where it is half as dark.
-    beyond : float
-        Light beyond the walls.
-    unevenness : float
-        Light gained from the left border of the picture to the right one.
-    """
-
-    interior: float = 0.2
-    membrane: float = 0.4
-    membrane_width: float = 4.0
-    rear: float = 0.35
-    rear_width: float = 2.5
-    halo: float = 0.04
-    halo_width: float = 2.5
-    wall: float = 0.5
-    wall_width: float = 2.0
-    beyond: float = 0.93
-    unevenness: float = 0.05
+    interior: float = 0.2  # darkness of the capsule within its membrane
+    membrane: float = 0.4  # darkness added at the outer edge
+    membrane_width: float = 4.0  # depth at which it has fallen to 1/e
+    rear: float = 0.35  # darkness of the membrane of a concave rear
+    rear_width: float = 2.5  # half its breadth, where it is half as dark
+    halo: float = 0.04  # light added just outside the edge
+    halo_width: float = 2.5  # distance at which it has fallen to 1/e
+    wall: float = 0.5  # darkness of a wall's band
+    wall_width: float = 2.0  # half its breadth, where it is half as dark
+    beyond: float = 0.93  # light beyond the walls
+    unevenness: float = 0.05  # light gained from the left border of the picture to the right one
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Lens, exposure and electronics.
+    """Lens, exposure and electronics."""
 
-    Parameters
-    ----------
-    blur : float [px]
-        Standard deviation of a Gaussian blur.
-    defocus : float [px]
-        Radius of the disc as which a point is seen.
-    motion : float [px]
-        Way of the capsule during the exposure.
-    photons : float
-        Counted by a pixel at the full light.
-    constant_noise : float
-        Standard deviation of the noise that does not depend on the light, over the full light.
-    full_light : float
-        Grey level of the full light.
-    median : int
-        Side of the median filter [px]; 1 for none.
-    jpeg : int, optional
-        Quality with which the picture is compressed.
-    inverted : bool
-        True if dark and bright are exchanged.
-    empty_frames : int
-        Number of frames averaged to the picture of the empty channel.
-    """
-
-    blur: float = 0.7
-    defocus: float = 0.0
-    motion: float = 0.0
-    photons: float = 20_000.0
-    constant_noise: float = 0.002
-    full_light: float = 190.0
-    median: int = 1
-    jpeg: int | None = None
-    inverted: bool = False
-    empty_frames: int = 16
+    blur: float = 0.7  # standard deviation of a Gaussian blur [px]
+    defocus: float = 0.0  # radius of the disc as which a point is seen [px]
+    motion: float = 0.0  # way of the capsule during the exposure [px]
+    photons: float = 20_000.0  # counted by a pixel at the full light
+    constant_noise: float = 0.002  # standard deviation of the noise in the dark, over the full light
+    full_light: float = 190.0  # its grey level
+    median: int = 1  # side of the median filter [px]; 1 for none
+    jpeg: int | None = None  # quality with which the picture is compressed
+    inverted: bool = False  # dark and bright exchanged
+    empty_frames: int = 16  # averaged to the picture of the empty channel
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What stands in front of the camera.
+    """What stands in front of the camera."""
 
-    Parameters
-    ----------
-    capsules : tuple of Capsule
-        The first is the one to measure.
-    half_width : float [px]
-        Half the width of the channel l.
-    shape : tuple of int
-        Rows and columns of the picture.
-    tilt : float [rad]
-        Angle of the channel to the rows, from x towards y.
-    flow : int
-        1 to the right, -1 to the left.
-    looks : Looks
-    """
-
-    capsules: tuple[Capsule, ...]
-    half_width: float
-    shape: tuple[int, int]
-    tilt: float = 0.0
-    flow: int = 1
+    capsules: tuple[Capsule, ...]  # the first is the one to measure
+    half_width: float  # of the channel [px]
+    shape: tuple[int, int]  # rows and columns of the picture
+    tilt: float = 0.0  # angle of the channel to the rows, from x towards y [rad]
+    flow: int = 1  # 1 to the right, -1 to the left
     looks: Looks = field(default_factory=Looks)
 
     @property

@@ -1,51 +1,38 @@
 """Lengths and silhouettes measured under the faults of a recording.
 
-Run ``python -m evidence.benchmarks.conditions [COUNT]``. The same simulated capsules, 60 px to l, are drawn under each
-condition by ``evidence/benchmarks/camera.py``, which shares no code with what measures them. Capsules 0 to 99 are those
-on which limits and errors were set (``--first 0``); those counted follow. For each condition the table gives how many
-were measured or refused; of L_z and L_a bias, scatter, stated error, and the shares of the 68 and 95 % intervals that
-hold the truth; and the misfit of the silhouette about the true one, the mean square of its residuals over the stated
-covariance, 1 if that is right: median and 90 % quantile.
-
-``--write`` renews ``evidence/results/conditions.json`` and the table in ``evidence/results/pictures.md``. ``--overlays
-FOLDER`` draws one measured picture of each condition; ``--keep FILE`` keeps what was measured of each capsule, so that
-an interrupted run goes on there.
+Run ``python -m evidence.benchmarks.conditions [COUNT]``. Capsules 0 to 99 are those on which limits and errors were set
+(``--first 0``); those counted follow. ``--keep FILE`` keeps what was measured of each capsule, so that an interrupted
+run goes on there. ``--write`` renews ``evidence/results/conditions.json`` and the table in
+``evidence/results/pictures.md``, where it is described.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-import scipy.linalg
-from rich.progress import track
-from threadpoolctl import threadpool_limits
 
 from capsbayes import Database
 from capsbayes.image.detect import Detection
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, silhouette_of
-from capsbayes.image.overlay import overlay
-from capsbayes.infer.outline import aligned_with
-from capsbayes.profile import signed_area
 from evidence.benchmarks.camera import MARGIN, Camera, Capsule, Grey, Looks, View, beside, photograph
-from evidence.markdown import renew
+from evidence.benchmarks.counts import LEVELS, NORMAL_ENDS
+from evidence.benchmarks.silhouettes import residuals
+from evidence.benchmarks.stored import Stored, completed, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "conditions.json", ROOT / "evidence" / "results" / "pictures.md"
-BEGIN, END = "<!-- conditions -->\n", "<!-- end of conditions -->\n"
 HALF_WIDTH = 60.0  # px
 FRESH = 100  # number of the first capsule on which nothing was set
-LEVELS = {0.68: 0.99446, 0.95: 1.95996}
-HEAD = ("condition", "measured", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %")
-HEAD = (*HEAD, "L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit")
+HEAD = (
+    *("condition", "measured", "refused", "L_z: bias, px", "scatter", "error", "in 68 %", "in 95 %"),
+    *("L_a: n", "bias, px", "in 68 %", "in 95 %", "misfit"),
+)
 
 Change = Callable[[View, Camera, np.random.Generator], tuple[View, Camera]]
 
@@ -107,8 +94,7 @@ CONDITIONS: dict[str, Change] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Taken:
+class Taken(NamedTuple):
     """A picture with the empty channel, and what stood before the camera."""
 
     view: View
@@ -172,7 +158,10 @@ def measured(shot: Taken) -> Detection:
 
 
 def row(shot: Taken, seen: Detection) -> dict[str, Any]:
-    """Return the status, the errors of L_z and L_a with the stated ones [px], and the silhouette's misfit."""
+    """Return the status, the errors of L_z and L_a with the stated ones [px], and the misfit of the silhouette.
+
+    The misfit is the mean square of its residuals over the stated covariance, 1 if that is right.
+    """
     made: dict[str, Any] = {"status": seen.status.name}
     if seen.status.ok:
         sd = np.sqrt(np.diag(seen.covariance))
@@ -180,11 +169,7 @@ def row(shot: Taken, seen: Detection) -> dict[str, Any]:
         if seen.rear is not None:
             made["L_a"] = [float(seen.lengths[1] - shot.view.axial_length), float(sd[1])]
         if (outline := silhouette_of(seen)) is not None:
-            truth = shot.view.capsules[0].silhouette
-            points, feet = aligned_with(outline.points, truth if signed_area(truth) > 0.0 else truth[::-1])
-            covariance = outline.noise.covariance(points) + outline.pose.offset**2
-            factor = scipy.linalg.cholesky(covariance, lower=True)
-            made["misfit"] = float(np.mean(scipy.linalg.solve_triangular(factor, feet.distance, lower=True) ** 2))
+            made["misfit"] = float(np.mean(residuals(outline, shot.view.capsules[0].silhouette).white ** 2))
     return made
 
 
@@ -196,7 +181,6 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         pairs = np.array([row[name] for row in rows if name in row])
         if len(pairs):
             error, sd = pairs.T
-            inside = {f"{level:.0%}": int(np.sum(np.abs(error) < limit * sd)) for level, limit in LEVELS.items()}
             made[name] = {
                 "n": len(error),
                 "bias": float(error.mean()),
@@ -204,7 +188,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
                 "scatter": float(error.std()),
                 "largest": float(np.abs(error).max()),
                 "error": float(np.sqrt(np.mean(sd**2))),
-                "inside": inside,
+                "inside": {f"{level}%": int(np.sum(np.abs(error) < end * sd)) for level, end in NORMAL_ENDS.items()},
             }
     misfits = [row["misfit"] for row in rows if "misfit" in row]
     if misfits:
@@ -212,69 +196,45 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return made
 
 
-def table(stored: dict[str, Any]) -> str:
-    """Return the table in Markdown."""
-    lines = [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
-    lines += [f"| {' | '.join((name, *_cells(numbers)))} |" for name, numbers in stored.items()]
-    return "\n".join(lines) + "\n"
+def tables(stored: dict[str, Any]) -> dict[str, str]:
+    """Return the table, a row for each condition."""
+    return {"conditions": table(HEAD, ((name, *_cells(numbers)) for name, numbers in stored.items()))}
 
 
 def _cells(numbers: dict[str, Any]) -> list[str]:
-    done = numbers["statuses"].get("DONE", 0)
     refused = [f"{name} {count}" for name, count in numbers["statuses"].items() if name != "DONE"]
-    cells = [str(done), ", ".join(refused)]
-    for name in ("L_z", "L_a"):
-        if name not in numbers:
-            cells += [""] * (5 if name == "L_z" else 4)
-            continue
-        found = numbers[name]
-        shares = [f"{found['inside'][f'{level:.0%}'] / found['n']:.0%}" for level in LEVELS]
-        first = [f"{found['bias']:+.2f}", f"{found['scatter']:.2f}", f"{found['error']:.2f}"]
-        cells += [*(first if name == "L_z" else [str(found["n"]), first[0]]), *shares]
+    cells = [str(numbers["statuses"].get("DONE", 0)), ", ".join(refused)]
+    for name, count in (("L_z", 5), ("L_a", 4)):
+        if length := numbers.get(name):
+            of_l_z = f"{length['bias']:+.2f}", f"{length['scatter']:.2f}", f"{length['error']:.2f}"
+            cells += of_l_z if name == "L_z" else (str(length["n"]), f"{length['bias']:+.2f}")
+            cells += [f"{length['inside'][f'{level}%'] / length['n']:.0%}" for level in LEVELS]
+        else:
+            cells += [""] * count
     misfit = numbers.get("misfit")
     return [*cells, f"{misfit['median']:.2g} ({misfit['90 %']:.2g})" if misfit else ""]
 
 
-def run(numbers: range, names: list[str], folder: Path | None, keep: Path | None) -> dict[str, Any]:
-    """Draw and measure all pictures, and return the numbers of each condition."""
-    cases = Database.open("square-neo-hookean").converged
-    done: dict[str, dict[str, Any]] = json.loads(keep.read_text()) if keep is not None and keep.exists() else {}
-    for number in track(numbers, description="capsules", transient=True):
-        if str(number) not in done:
-            done[str(number)] = dict(_rows(cases, number, names, folder))
-            if keep is not None:
-                keep.write_text(json.dumps(done) + "\n")
-    return {name: summary([done[str(number)][name] for number in numbers]) for name in names}
+STORED = Stored("conditions.json", "evidence/results/pictures.md", tables)
 
 
-def _rows(cases: Database, number: int, names: list[str], folder: Path | None) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield what was measured of a capsule under each condition; draw it if there is a folder."""
-    for name, shot in taken(cases, number, names):
-        seen = measured(shot)
-        yield name, row(shot, seen)
-        if folder is not None:
-            path = folder / f"{name.replace(' ', '-').replace(',', '').replace('%', 'percent')}-{number}.png"
-            cv2.imwrite(str(path), overlay(Picture.from_array(shot.picture), seen))
+def rows(cases: Database, number: int, names: list[str]) -> dict[str, dict[str, Any]]:
+    """Return what was measured of a capsule under each condition."""
+    return {name: row(shot, measured(shot)) for name, shot in taken(cases, number, names)}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=10, help="number of capsules (default: 10)")
     parser.add_argument("--first", type=int, default=FRESH, help=f"number of the first (default: {FRESH})")
     parser.add_argument("--keep", type=Path, help="file of what was measured, from which an interrupted run goes on")
     parser.add_argument("--only", default="", help="conditions whose name contains this")
-    parser.add_argument("--overlays", type=Path, help="folder for a drawing of each picture with what was detected")
-    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
-    asked = parser.parse_args()
-    names = [name for name in CONDITIONS if asked.only in name]
-    with threadpool_limits(limits=1):
-        if asked.overlays is not None:
-            asked.overlays.mkdir(parents=True, exist_ok=True)
-        made = run(range(asked.first, asked.first + asked.count), names, asked.overlays, asked.keep)
-    print(table(made))
-    if asked.write:
-        STORED.write_text(json.dumps(made, indent=1) + "\n")
-        renew(PAGE, BEGIN, END, table(made))
+    given = parser.parse_args()
+    names = [name for name in CONDITIONS if given.only in name]
+    cases, numbers = Database.open("square-neo-hookean").converged, range(given.first, given.first + given.count)
+    done = completed(given.keep, ((str(n), partial(rows, cases, n, names)) for n in numbers))
+    made = {name: summary([done[str(number)][name] for number in numbers]) for name in names}
+    STORED.show(made, write=given.write)
 
 
 if __name__ == "__main__":

@@ -1,28 +1,22 @@
 """The silhouette of a film against those of its frames: ``python -m evidence.benchmarks.film_silhouettes [FILMS]``.
 
 Each film shows a simulated capsule that passes ``evidence/benchmarks/camera.py``, which shares no code with what
-measures it, and which is omitted from the surrogate that identifies it. G_s is found by the silhouette of the film, by
-that of each of its frames with the film's velocity, and by the film's lengths alone; viscosity and half width are
-known. The table gives the shares of the intervals of G_s and a/l that hold the truth, the median standard deviations,
-and the standard deviation of ln G_s by the film over that by the frame that tells most.
+measures it, and which is omitted from the surrogate that identifies it; viscosity and half width are known.
 
 ``evidence/results/films.json`` keeps each film when it is done: an interrupted run goes on there. ``--write`` renews
-the table in ``evidence/results/pictures.md``; ``--overlays FOLDER`` draws one measured frame of each film.
+the table in ``evidence/results/pictures.md``.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from rich.progress import track
-from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, Measurement
 from capsbayes.errors import InputError
@@ -30,22 +24,22 @@ from capsbayes.experiment import capillary_number
 from capsbayes.image.files import Picture
 from capsbayes.image.film import measure_film
 from capsbayes.image.measure import detect, silhouette_of
-from capsbayes.image.overlay import overlay
 from capsbayes.infer import Quadrature
 from evidence.benchmarks.camera import Grey, View, film
-from evidence.benchmarks.conditions import CONDITIONS, HALF_WIDTH, LEVELS, scenery
+from evidence.benchmarks.conditions import CONDITIONS, HALF_WIDTH, scenery
+from evidence.benchmarks.counts import LEVELS
 from evidence.benchmarks.silhouettes import NAMES, without_one
-from evidence.markdown import renew
+from evidence.benchmarks.stored import Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "films.json", ROOT / "evidence" / "results" / "pictures.md"
-BEGIN, END = "<!-- films -->\n", "<!-- end of films -->\n"
 FRAMES, RATE, SEED = 6, 1000.0, 4021
 SHOWN = ("none", "noise 2 %", "blur 2 px")  # conditions, in turn
 EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85, frame_rate=RATE)
 SOURCES = ("film", "frames", "lengths of the film")
-HEAD = ("condition", "by", "n", "G_s in 68 %", "in 95 %", "a/l in 68 %", "in 95 %", "sd of ln G_s", "sd of a/l")
-HEAD = (*HEAD, "film over best frame: median", "largest")
+HEAD = (
+    *("condition", "by", "n", "G_s in 68 %", "in 95 %", "a/l in 68 %", "in 95 %", "sd of ln G_s", "sd of a/l"),
+    *("film over best frame: median", "largest"),
+)
 
 
 def taken(number: int, cases: Database) -> tuple[View, list[Grey], Grey, float]:
@@ -62,7 +56,7 @@ def taken(number: int, cases: Database) -> tuple[View, list[Grey], Grey, float]:
     return view, frames, empty, step
 
 
-def row(number: int, cases: Database, folder: Path | None = None) -> dict[str, Any]:
+def row(number: int, cases: Database) -> dict[str, Any]:
     """Return what is found of the capsule of a film: each posterior as rank of the truth and width, for G_s and a/l."""
     case, surrogate = without_one(cases, np.random.default_rng([SEED, number, 1]))
     view, frames, empty, step = taken(number, case)
@@ -78,8 +72,6 @@ def row(number: int, cases: Database, folder: Path | None = None) -> dict[str, A
     together = done[0].measurement
     flow = "right" if view.flow > 0 else "left"
     alone = [detect(Picture.from_array(frame), background=Picture.from_array(empty), flow=flow) for frame in frames]
-    if folder is not None:
-        cv2.imwrite(str(folder / f"film-{number}.png"), overlay(Picture.from_array(frames[0]), alone[0]))
     shared = {"axial_length": None, "axial_length_error": None, "length_correlation": 0.0}
     each = [replace(together, outline=silhouette_of(detection), **shared) for detection in alone if detection.status.ok]
     engine = Quadrature(surrogate, EXPERIMENT)
@@ -110,53 +102,42 @@ def found_by(engine: Quadrature, measurement: Measurement, truth: tuple[float, f
     return [float(number) for number in (below[0], widths[0], below[1], widths[1])]
 
 
-def table(stored: dict[str, Any]) -> str:
-    """Return the table in Markdown: each condition, then all films."""
-    lines = [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
+def tables(stored: dict[str, Any]) -> dict[str, str]:
+    """Return the table: each condition, then all films."""
+    lines = []
     for name in (*SHOWN, "all"):
-        rows = [one for one in stored.values() if one["condition"] == name or name == "all"]
-        rows = [one for one in rows if one.get("film")]
-        for source in SOURCES if rows else ():
-            lines.append(f"| {' | '.join((name if source == SOURCES[0] else '', source, *_cells(rows, source)))} |")
-    return "\n".join(lines) + "\n"
+        films = [film for film in stored.values() if name in (film["condition"], "all") and film.get("film")]
+        for source in SOURCES if films else ():
+            lines.append((name if source == SOURCES[0] else "", source, *_cells(films, source)))
+    return {"films": table(HEAD, lines)}
 
 
-def _cells(rows: list[dict[str, Any]], source: str) -> list[str]:
-    every = [one[source] for one in rows] if source != "frames" else [each for one in rows for each in one["frames"]]
-    numbers = np.array([one for one in every if one])
-    away = 2.0 * np.abs(numbers[:, [0, 2]] - 0.5)
+def _cells(films: list[dict[str, Any]], source: str) -> list[str]:
+    posteriors = [each for film in films for each in (film["frames"] if source == "frames" else [film[source]])]
+    numbers = np.array([posterior for posterior in posteriors if posterior])
+    away = 200.0 * np.abs(numbers[:, [0, 2]] - 0.5)
     shares = [f"{np.mean(away[:, column] < level):.0%}" for column in (0, 1) for level in LEVELS]
     sds = [f"{np.median(numbers[:, column]):.4f}" for column in (1, 3)]
-    ratio = ["", ""]
-    if source == "film":
-        over = ratios(rows)
-        ratio = [f"{np.median(over):.2f}", f"{np.max(over):.2f}"]
-    return [str(len(numbers)), *shares, *sds, *ratio]
+    over = ratios(films)
+    last = [f"{np.median(over):.2f}", f"{np.max(over):.2f}"] if source == "film" else ["", ""]
+    return [str(len(numbers)), *shares, *sds, *last]
 
 
-def ratios(rows: list[dict[str, Any]]) -> list[float]:
+def ratios(films: list[dict[str, Any]]) -> list[float]:
     """Return the standard deviation of ln G_s by the film over that by its frame that tells most, for each film."""
-    return [one["film"][1] / min(each[1] for each in one["frames"] if each) for one in rows if any(one["frames"])]
+    return [film["film"][1] / min(each[1] for each in film["frames"] if each) for film in films if any(film["frames"])]
+
+
+STORED = Stored("films.json", "evidence/results/pictures.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=6, help="number of films (default: 6)")
-    parser.add_argument("--overlays", type=Path, help="folder for a drawing of a frame of each film")
-    parser.add_argument("--write", action="store_true", help="renew the table on the page")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     cases = Database.open("square-neo-hookean").converged
-    stored = json.loads(STORED.read_text()) if STORED.exists() else {}
-    if asked.overlays is not None:
-        asked.overlays.mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(limits=1):
-        for number in track(range(asked.count), description="films", transient=True):
-            if str(number) not in stored:
-                stored[str(number)] = row(number, cases, asked.overlays)
-                STORED.write_text(json.dumps(stored, indent=1) + "\n")
-    print(table(stored))
-    if asked.write:
-        renew(PAGE, BEGIN, END, table(stored))
+    films = STORED.completed((str(number), partial(row, number, cases)) for number in range(given.count))
+    STORED.show(films, write=given.write)
 
 
 if __name__ == "__main__":

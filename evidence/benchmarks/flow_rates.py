@@ -1,33 +1,25 @@
 """Hide wrong velocities, flow rates and widths, and see what the diagnosis says.
 
-Run ``python -m evidence.benchmarks.flow_rates``. Sessions are drawn from the simulated shapes of
-``data/pools/none-0.nc`` in a lab that states its flow rates to 0.5 % and its half width to 0.1 um (0.4 %), or to 1 %
-both; the stated values are wrong within these errors. The faults are put in by the code of the blind sessions, which
-shares nothing with the operators of the effects.
-
-Each session takes five seconds of processor time with lengths alone and a minute with outlines; finished sessions are
-kept in ``evidence/results/flow-rates.json``, and ``--sessions`` says how many of each row there shall be. ``--write``
-renews the table in ``evidence/results/diagnosis.md``.
+Run ``python -m evidence.benchmarks.flow_rates --sessions 1``. The faults are put in by the code of the blind sessions,
+which shares nothing with the operators of the effects. Each session takes five seconds of processor time with lengths
+alone and a minute with outlines; finished ones are kept in ``evidence/results/flow-rates.json``. ``--write`` renews the
+table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections import Counter
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 from capsbayes import Surrogate
 from capsbayes.database import Database
 from capsbayes.diagnosis import Study, Verdict, diagnose
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, draw_session
 from capsbayes.diagnosis.finding import FLOW
-from evidence.markdown import renew, table_lines
-
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "flow-rates.json", ROOT / "evidence" / "results" / "diagnosis.md"
-BEGIN, END = "<!-- flow rates -->\n", "<!-- end of flow rates -->"
+from evidence.benchmarks.stored import POOL_FOLDER, Stored, with_write
+from evidence.markdown import table
 
 WELL = Lab(flow_rate_error=0.005, half_width_error=0.1e-6)
 LOOSE = Lab(flow_rate_error=0.01, half_width_error=0.25e-6)
@@ -35,28 +27,13 @@ MEASURED = {"outlines": (True, 24), "lengths": (False, 40)}
 """Whether outlines are measured, and the number of capsules."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """Sessions with one fault.
-
-    Parameters
-    ----------
-    hidden : str
-    effect : str
-        Name of the true effect.
-    size : float
-    lab : Lab
-    """
+class Row(NamedTuple):
+    """Sessions with one fault: the name of the true effect and its size, none for nothing."""
 
     hidden: str
     effect: str
     size: float
     lab: Lab = WELL
-
-    @property
-    def accepted(self) -> set[str]:
-        """Names of which one is right."""
-        return set() if self.effect == "none" else {self.effect}
 
 
 ROWS = (
@@ -70,7 +47,7 @@ ROWS = (
 )
 
 
-def answer(row: Row, kind: str, seed: int, shapes: Database, model: Surrogate) -> dict:
+def answer(row: Row, kind: str, seed: int, shapes: Database, model: Surrogate) -> dict[str, Any]:
     """Diagnose one session, and return what was said of it."""
     outline, capsules = MEASURED[kind]
     effect = TRUE_EFFECTS[row.effect]
@@ -78,9 +55,6 @@ def answer(row: Row, kind: str, seed: int, shapes: Database, model: Surrogate) -
     study = diagnose(blind.session, model, seed=seed)
     offset = next((each for each in study.finding.deviations if each.name == FLOW), None)
     return {
-        "row": row.hidden,
-        "kind": kind,
-        "seed": seed,
         "said": said(row, study),
         "names": list(study.names),
         "offset": None if offset is None else [offset.size, offset.error],
@@ -94,26 +68,26 @@ def said(row: Row, study: Study) -> str:
         return "nothing found"
     if study.verdict is Verdict.UNKNOWN:
         return "unknown"
-    if not row.accepted & {*study.names}:
+    if row.effect == "none" or row.effect not in study.names:
         return "wrong"
     return "named" if study.verdict is Verdict.NAMED else "in a set"
 
 
-def table(found: list[dict]) -> str:
-    """Return the answers as a table in Markdown."""
-    head = ("hidden", "measured", "sessions", "v_o over that of the flow rate", "answer")
+def tables(answers: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the table of the answers."""
     rows = []
     for kind in MEASURED:
         for row in ROWS:
-            answers = [each for each in found if (each["row"], each["kind"]) == (row.hidden, kind)]
-            if answers:
-                counts = Counter(words(row, each) for each in answers)
-                told = "; ".join(f"{text} in {count}" for text, count in counts.most_common())
-                rows.append((row.hidden, kind, str(len(answers)), offset_words(answers), told))
-    return "\n".join(table_lines(head, rows)) + "\n"
+            mine = [answer for answer in answers if (answer["row"], answer["kind"]) == (row.hidden, kind)]
+            if mine:
+                counts = Counter(map(in_words, mine))
+                words = "; ".join(f"{text} in {count}" for text, count in counts.most_common())
+                rows.append((row.hidden, kind, str(len(mine)), mean_offset(mine), words))
+    head = ("hidden", "measured", "sessions", "v_o over that of the flow rate", "answer")
+    return {"flow rates": table(head, rows)}
 
 
-def words(row: Row, answer: dict) -> str:
+def in_words(answer: dict[str, Any]) -> str:
     """Return the answer to a session in words."""
     if answer["said"] == "in a set":
         return f"in a set of {len(answer['names'])}"
@@ -122,36 +96,33 @@ def words(row: Row, answer: dict) -> str:
     return answer["said"]
 
 
-def offset_words(answers: list[dict]) -> str:
-    """Return the mean of the offsets and their standard error as it was stated, in per cent."""
-    known = [each["offset"] for each in answers if each["offset"] is not None]
+def mean_offset(answers: list[dict[str, Any]]) -> str:
+    """Return the mean of the offsets and of their stated errors, in per cent."""
+    known = [answer["offset"] for answer in answers if answer["offset"] is not None]
     if not known:
         return "not known"
     size, error = (sum(values) / len(known) for values in zip(*known, strict=True))
     return f"{size:+.1f} ± {error:.1f} %"
 
 
+STORED = Stored("flow-rates.json", "evidence/results/diagnosis.md", tables)
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true")
+    parser = with_write(__doc__)
     parser.add_argument(
         "--sessions", type=int, default=0, help="Of each row with outlines; three times as many without."
     )
-    options = parser.parse_args()
-    found = json.loads(STORED.read_text()) if STORED.exists() else []
-    model, shapes = Surrogate.open("square-neo-hookean"), Database.read(ROOT / "data" / "pools" / "none-0.nc")
-    wanted = [("lengths", seed) for seed in range(1, 3 * options.sessions + 1)]
-    wanted = [*wanted[:3], *(("outlines", seed) for seed in range(1, options.sessions + 1)), *wanted[3:]]
-    done = {(each["row"], each["kind"], each["seed"]) for each in found}
-    for kind, seed in wanted:
-        for row in ROWS:
-            if (row.hidden, kind, seed) not in done:
-                found.append(answer(row, kind, seed, shapes, model))
-                print(found[-1], flush=True)
-                STORED.write_text(json.dumps(found, indent=1) + "\n")
-    print(table(found))
-    if options.write:
-        renew(PAGE, BEGIN, END, table(found))
+    given = parser.parse_args()
+    model, shapes = Surrogate.open("square-neo-hookean"), Database.read(POOL_FOLDER / "none-0.nc")
+    wanted = [("lengths", seed) for seed in range(1, 3 * given.sessions + 1)]
+    wanted = [*wanted[:3], *(("outlines", seed) for seed in range(1, given.sessions + 1)), *wanted[3:]]
+    answers = STORED.answered(
+        ({"row": row.hidden, "kind": kind, "seed": seed}, partial(answer, row, kind, seed, shapes, model))
+        for kind, seed in wanted
+        for row in ROWS
+    )
+    STORED.show(answers, write=given.write)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,17 @@
 """Simulate shapes between the nodes of shipped databases, and store them in ``data/fresh.npz``.
 
-Run ``python -m evidence.benchmarks.fresh FOLDER [NAME ...]``. Each finished case is kept in FOLDER, so that an
-interrupted run resumes; what has ended is then stored. The simulations are at refinement 12, the mesh of the plain
-databases.
+Run ``python -m evidence.benchmarks.fresh FOLDER [NAME ...]``. The shapes are built as databases are, one file in FOLDER
+for each size of an effect, so that an interrupted run resumes; what has converged is then stored. The simulations are
+at refinement 12, the mesh of the plain databases.
 
 The cases of a database lie at forty points: a few pairs of a/l and of its effect, spread evenly, and Ca from the lower
-to the upper border of its surrogate there. Up to Ca 0.03 the shape is that which a capsule reaches from rest; above,
-parachutes are followed from the first that is found.
+to the upper border of its surrogate there.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,12 +19,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from capsbayes.physics.build import CaseRunner, Outcome
-from capsbayes.run import Store
+from capsbayes.database import Database
+from capsbayes.physics.build import build_database
 from capsbayes.surrogate import EffectSurrogate, Surrogate
+from evidence.benchmarks.stored import ROOT, arguments
 from evidence.rebuild import Recipe, recipe_named
 
-STORED = Path(__file__).parents[2] / "data" / "fresh.npz"
+FRESH = ROOT / "data" / "fresh.npz"
 REFINEMENT = 12
 NAMES = (
     "circular-hooke",
@@ -40,9 +39,15 @@ NAMES = (
     "circular-skalak",
 )
 COUNT, PAIRS = 40, 8
-FROM_REST, PARACHUTE = 0.03, 0.05
-STEP = 0.5  # largest change of log Ca that one step follows
-QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio", "parachute_depth")
+QUANTITIES = (
+    "size_ratio",
+    "capillary_number",
+    "axial_extent",
+    "axial_length",
+    "velocity_ratio",
+    "stretch_ratio",
+    "parachute_depth",
+)
 
 
 def cases(name: str, folder: Path) -> list[tuple[float, float, float]]:
@@ -74,14 +79,13 @@ def chosen_cases(model: Surrogate | EffectSurrogate) -> list[tuple[float, float,
 
 
 def simulate(name: str, folder: Path) -> None:
-    """Simulate the cases of one database that the folder lacks."""
+    """Build what the folder lacks of the cases of one database, a file for each size of its effect."""
     chosen = cases(name, folder)
-    for pair in dict.fromkeys(case[:2] for case in chosen):
-        effect, size = pair
-        simulator = simulator_at(recipe_named(name), effect)
-        store = Store.open(folder / name / f"{effect!r}", simulator.settings)
-        runner = CaseRunner(simulator, store, size)
-        run_pair(runner, sorted(ca for *other, ca in chosen if tuple(other) == pair), name)
+    for effect in dict.fromkeys(case[0] for case in chosen):
+        simulator, of_effect = simulator_at(recipe_named(name), effect), [case for case in chosen if case[0] == effect]
+        out = folder / name / f"{effect!r}.nc"
+        if not out.exists():
+            build_database(simulator, [(ca, size) for _, size, ca in of_effect], out=out, compact=True)
 
 
 def simulator_at(recipe: Recipe, value: float) -> Any:
@@ -94,78 +98,37 @@ def simulator_at(recipe: Recipe, value: float) -> Any:
     return replace(simulator, law=replace(simulator.law, **{recipe.effect: value}))
 
 
-def run_pair(runner: CaseRunner, capillary_numbers: list[float], name: str) -> None:
-    """Run the cases of one a/l: low ones from rest, the others along the parachutes in both directions."""
-    high = [ca for ca in capillary_numbers if ca > FROM_REST]
-    wanted = [(ca, "rest") for ca in capillary_numbers if ca <= FROM_REST]
-    middle = min(range(len(high)), key=lambda i: abs(np.log(high[i] / PARACHUTE)), default=0)
-    first = reported(runner, high[middle], "rest", name) if high else None
-    for way in (high[middle + 1 :], high[:middle][::-1]):
-        last = first
-        for ca in way:
-            while last is not None and last.done and abs(np.log(ca / last.capillary_number)) > STEP:
-                between = last.capillary_number * np.exp(STEP * np.sign(ca - last.capillary_number))
-                last = reported(runner, float(f"{between:.4g}"), last, name)
-            if last is None or not last.done:
-                break
-            last = reported(runner, ca, last, name)
-    for ca, start in wanted:
-        reported(runner, ca, start, name)
-
-
-def reported(runner: CaseRunner, ca: float, start: Any, name: str) -> Outcome:
-    begun = time.process_time()
-    outcome = runner.run(ca, start)
-    seconds = time.process_time() - begun
-    if seconds > 0.5:
-        print(f"{name} a/l {runner.size_ratio:g} Ca {ca:g}: {outcome.status.name}, {seconds:.0f} s", flush=True)
-    return outcome
+def converged(name: str, folder: Path) -> Iterator[dict[str, Any]]:
+    """Yield the converged cases of a database that the folder holds."""
+    for path in sorted((folder / name).glob("*.nc")):
+        built = Database.read(path).converged
+        for row in range(len(built)):
+            profile = built["profile"][row]
+            case = {"database": name, "effect_value": float(path.stem)} | {key: built[key][row] for key in QUANTITIES}
+            yield case | {"half_profile": profile[: len(profile) // 2 + 1].astype(np.float32)}
 
 
 def collect(folder: Path) -> None:
     """Store the converged cases that the folder holds; those of other databases stay as they are stored."""
-    rows: dict[str, list[Any]] = {key: [] for key in ("database", "effect_value", "size_ratio", "capillary_number")}
-    rows |= {key: [] for key in (*QUANTITIES, "half_profile")}
-    for name in NAMES:
-        recipe, chosen = recipe_named(name), cases(name, folder) if (folder / name).is_dir() else []
-        for effect, size, ca in sorted(chosen):
-            store_folder = folder / name / f"{effect!r}"
-            if not store_folder.is_dir():
-                continue
-            finer = simulator_at(recipe, effect)
-            store = Store.open(store_folder, finer.settings)
-            starts = {
-                part.partition("_from-")[2].rpartition(".")[0] for part in store.names(f"size-{size!r}_ca-{ca!r}_*")
-            }
-            for start in sorted(starts):
-                outcome = Outcome.find(store, ca, size, start if start == "rest" else float(start), finer.restored)
-                if outcome is None or not outcome.done:
-                    continue
-                values = (name, effect, size, ca, *(outcome.variables[key] for key in QUANTITIES))
-                profile = outcome.variables["profile"]
-                for key, value in zip(
-                    rows, (*values, profile[: len(profile) // 2 + 1].astype(np.float32)), strict=True
-                ):
-                    rows[key].append(value)
-    if STORED.exists():
-        with np.load(STORED, allow_pickle=False) as stored:
-            for k in np.flatnonzero(~np.isin(stored["database"], rows["database"])):
-                for key, values in rows.items():
-                    values.append(stored[key][k])
-    np.savez_compressed(STORED, **{key: np.array(value) for key, value in rows.items()})
-    print(f"{len(rows['database'])} cases in {STORED}, {STORED.stat().st_size} bytes")
+    rows = [row for name in NAMES for row in converged(name, folder)]
+    with np.load(FRESH, allow_pickle=False) as stored:
+        columns = dict(stored)
+    others = ~np.isin(columns["database"], [row["database"] for row in rows])
+    whole = {key: np.array([*(row[key] for row in rows), *values[others]]) for key, values in columns.items()}
+    np.savez_compressed(FRESH, **whole)
+    print(f"{len(whole['database'])} cases in {FRESH}, {FRESH.stat().st_size} bytes")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("folder", type=Path, help="where finished cases are kept")
     parser.add_argument("names", nargs="*", metavar="NAME", help="databases; by default all, see NAMES")
     parser.add_argument("--collect-only", action="store_true", help="store what has ended")
-    options = parser.parse_args()
-    if not options.collect_only:
-        for name in options.names or NAMES:
-            simulate(name, options.folder)
-    collect(options.folder)
+    given = parser.parse_args()
+    if not given.collect_only:
+        for name in given.names or NAMES:
+            simulate(name, given.folder)
+    collect(given.folder)
 
 
 if __name__ == "__main__":

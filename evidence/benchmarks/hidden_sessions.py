@@ -9,25 +9,21 @@ in ``evidence/results/diagnosis.md``.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
-
-from threadpoolctl import threadpool_limits
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 from capsbayes import Surrogate, diagnose
 from capsbayes.database import Database
 from capsbayes.diagnosis import UNKNOWN, Study, Verdict
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
-from evidence.markdown import renew, table_lines
+from evidence.benchmarks.stored import POOL_FOLDER, Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "hidden-sessions.json", ROOT / "evidence" / "results" / "diagnosis.md"
-MARKS = "<!-- hidden sessions -->\n", "<!-- end of hidden sessions -->"
+PAGE = "evidence/results/diagnosis.md"
+HEAD = ("hidden", "capsules", "sessions", "answers", "95 % intervals of G_s that hold the truth")
 
 
 class Row(NamedTuple):
@@ -62,19 +58,17 @@ ROWS = (
 
 def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
     """Draw a session, diagnose it, and return the answer next to the truth."""
-    shapes = Database.read(ROOT / f"data/pools/{row.pool}.nc")
+    shapes = Database.read(POOL_FOLDER / f"{row.pool}.nc")
     blind = draw_session(shapes, row.effect, row.size, lab=row.lab, capsules=row.capsules, seed=seed)
     begin = time.process_time()
     study = diagnose(blind.session, model, seed=seed)
-    return answer_of(study, row.hidden, seed, row.lab.surface_shear_modulus, begin) | {"capsules": row.capsules}
+    return answer_of(study, row.lab.surface_shear_modulus, begin) | {"capsules": row.capsules}
 
 
-def answer_of(study: Study, hidden: str, seed: int, true_modulus: float, begin: float) -> dict[str, Any]:
-    """Return what a diagnosis begun at a processor time [s] says, next to what was hidden and the true G_s [N/m]."""
+def answer_of(study: Study, true_modulus: float, begin: float) -> dict[str, Any]:
+    """Return what a diagnosis begun at a processor time [s] says, next to the true G_s [N/m]."""
     modulus = study.surface_shear_modulus
     return {
-        "hidden": hidden,
-        "seed": seed,
         "verdict": study.verdict.name,
         "names": [list(step.in_question) for step in study.steps],
         "intervals_95": {name: step.scores[name].interval(1.92) for step in study.steps for name in step.in_question},
@@ -86,17 +80,7 @@ def answer_of(study: Study, hidden: str, seed: int, true_modulus: float, begin: 
     }
 
 
-class Hidden(Protocol):
-    """What is hidden in the sessions of a row, and the names that the catalogue has for it."""
-
-    @property
-    def hidden(self) -> str: ...
-
-    @property
-    def truth(self) -> tuple[str, ...]: ...
-
-
-def outcome(row: Hidden, answer: dict[str, Any]) -> str:
+def outcome(row: Any, answer: dict[str, Any]) -> str:
     """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
     verdict = Verdict[answer["verdict"]]
     if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
@@ -111,21 +95,18 @@ def outcome(row: Hidden, answer: dict[str, Any]) -> str:
     return "ambiguous" if right else "ambiguous without it"
 
 
-def table(rows: Sequence[Hidden], answers: list[dict[str, Any]]) -> list[str]:
-    """Return the lines of the table: outcomes, and how often the intervals of G_s hold the truth."""
-    lines = []
-    for row in rows:
-        mine = [answer for answer in answers if answer["hidden"] == row.hidden]
-        if not mine:
-            lines.append((row.hidden, "", "0", "none was finished", ""))
-        else:
-            counted = Counter(outcome(row, answer) for answer in mine)
-            held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in mine)
-            words = ", ".join(f"{words} {count}" for words, count in sorted(counted.items()))
-            lines.append((row.hidden, _capsules(mine), str(len(mine)), words, f"{held} of {len(mine)}"))
-    return list(
-        table_lines(("hidden", "capsules", "sessions", "answers", "95 % intervals of G_s that hold the truth"), lines)
-    )
+def outcomes(rows: Sequence[Any], answers: list[dict[str, Any]]) -> str:
+    """Return the table of outcomes, and how often the intervals of G_s hold the truth."""
+    return table(HEAD, (_cells(row, [answer for answer in answers if answer["hidden"] == row.hidden]) for row in rows))
+
+
+def _cells(row: Any, answers: list[dict[str, Any]]) -> tuple[str, ...]:
+    if not answers:
+        return row.hidden, "", "0", "none was finished", ""
+    counts = Counter(outcome(row, answer) for answer in answers)
+    words = ", ".join(f"{words} {count}" for words, count in sorted(counts.items()))
+    held = sum(answer["modulus"][0] <= answer["true_modulus"] <= answer["modulus"][2] for answer in answers)
+    return row.hidden, _capsules(answers), str(len(answers)), words, f"{held} of {len(answers)}"
 
 
 def _capsules(answers: list[dict[str, Any]]) -> str:
@@ -136,39 +117,30 @@ def _capsules(answers: list[dict[str, Any]]) -> str:
     return words if measured == sum(drawn) else f"{words}, {measured / sum(drawn):.0%} of them measured"
 
 
-def stored(file: Path = STORED) -> list[dict[str, Any]]:
-    """Return the answers so far."""
-    return json.loads(file.read_text()) if file.exists() else []
-
-
 def diagnosed(
     description: str | None,
     rows: Sequence[Any],
-    file: Path,
-    marks: tuple[str, str],
+    stored: Stored,
     answered: Callable[[Any, int, Surrogate], dict[str, Any]],
     view: Literal["mid-plane", "silhouette"] = "mid-plane",
 ) -> None:
-    """Diagnose further sessions of some rows, and print the table of all; their answers are kept in a file."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Diagnose further sessions of some rows, and print the table of all."""
+    parser = with_write(description)
     parser.add_argument("--sessions", type=int, default=0, help="of each row: those with seeds 1 to this")
     parser.add_argument("--only", default="", help="rows whose name contains this")
-    parser.add_argument("--write", action="store_true", help="renew the table of the page")
     given = parser.parse_args()
     model = Surrogate.open("square-neo-hookean", view=view)
     assert isinstance(model, Surrogate)
-    for seed in range(1, given.sessions + 1):
-        for row in rows:
-            there = any(answer["hidden"] == row.hidden and answer["seed"] == seed for answer in stored(file))
-            if given.only in row.hidden and not there:
-                with threadpool_limits(1):
-                    answer = answered(row, seed, model)
-                file.write_text(json.dumps([*stored(file), answer], indent=1) + "\n")
-    lines = "".join(f"{line}\n" for line in table(rows, stored(file)))
-    print(lines)
-    if given.write:
-        renew(PAGE, *marks, lines)
+    answers = stored.answered(
+        ({"hidden": row.hidden, "seed": seed}, partial(answered, row, seed, model))
+        for seed in range(1, given.sessions + 1)
+        for row in rows
+        if given.only in row.hidden
+    )
+    stored.show(answers, write=given.write)
 
+
+STORED = Stored("hidden-sessions.json", PAGE, lambda answers: {"hidden sessions": outcomes(ROWS, answers)})
 
 if __name__ == "__main__":
-    diagnosed(__doc__, ROWS, STORED, MARKS, answered)
+    diagnosed(__doc__, ROWS, STORED, answered)

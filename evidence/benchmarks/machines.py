@@ -1,18 +1,13 @@
 """Compare what the commands report under several BLAS kernels and numbers of threads.
 
-``python -m evidence.benchmarks.machines --write`` writes the table of ``evidence/results/machine-independence.md``.
 Each environment has a process of its own, which runs all `COMMANDS`; ``--quick`` runs the commands of a few seconds
-under two kernels.
-
-The difference of two numbers is divided by their size or, if that gives less, by the width of the interval that is
-reported with them; probabilities, shares, logarithms and numbers in standard errors are compared as they are.
+under two kernels. ``--write`` renews the table in ``evidence/results/machine-independence.md``, which says how
+differences are measured.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
-import itertools
 import json
 import math
 import os
@@ -25,9 +20,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[2]
+from evidence.benchmarks.stored import RESULTS, ROOT, with_write
+from evidence.markdown import renew, table
+
 EXAMPLES = ROOT / "examples"
-PAGE = ROOT / "evidence" / "results" / "machine-independence.md"
+PAGE = RESULTS / "machine-independence.md"
 KERNELS = ("Haswell", "Zen", "SkylakeX", "Sandybridge")
 LARGEST = 1e-6
 
@@ -108,29 +105,25 @@ class Difference(NamedTuple):
 
 def main() -> int:
     """Compare, print the table, and return 1 if a difference is above the limit."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = with_write(__doc__)
     parser.add_argument("--quick", action="store_true", help="the commands of a few seconds, under two kernels")
-    parser.add_argument("--write", action="store_true", help="replace the table of the page")
     parser.add_argument("--once", type=Path, help="run the commands here and write their numbers into this file")
     parser.add_argument("--keep", type=Path, help="folder for the numbers of each environment, to go on after a stop")
-    options = parser.parse_args()
-    commands = QUICK if options.quick else COMMANDS
-    if options.once:
-        options.once.write_text(json.dumps(reported(commands)))
+    given = parser.parse_args()
+    commands = QUICK if given.quick else COMMANDS
+    if given.once:
+        given.once.write_text(json.dumps(reported(commands)))
         return 0
-    environments = (ENVIRONMENTS[0], Environment("Sandybridge", 2)) if options.quick else ENVIRONMENTS
-    if options.keep is not None:
-        options.keep.mkdir(parents=True, exist_ok=True)
-    table = compared(commands, environments, options.keep)
-    lines = ["| command | numbers | largest difference | of | in |", "| --- | ---: | ---: | --- | --- |"]
-    for name, row in table.items():
-        lines.append(f"| {name} | {row.numbers} | {row.size:.1e} | {row.key} | {row.environment} |")
-    print("\n".join(lines))
-    if options.write:
-        before, _, after = PAGE.read_text().partition(f"{lines[0]}\n")
-        rest = itertools.dropwhile(lambda line: line.startswith("|"), after.splitlines())
-        PAGE.write_text(before + "\n".join([*lines, *rest]) + "\n")
-    return int(any(row.size > LARGEST for row in table.values()))
+    environments = (ENVIRONMENTS[0], Environment("Sandybridge", 2)) if given.quick else ENVIRONMENTS
+    if given.keep is not None:
+        given.keep.mkdir(parents=True, exist_ok=True)
+    differences = compared(commands, environments, given.keep)
+    rows = ((n, str(row.numbers), f"{row.size:.1e}", row.key, row.environment) for n, row in differences.items())
+    text = table(("command", "numbers", "largest difference", "of", "in"), rows)
+    print(text)
+    if given.write:
+        renew(PAGE, "differences", text)
+    return int(any(row.size > LARGEST for row in differences.values()))
 
 
 def compared(

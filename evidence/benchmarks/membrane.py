@@ -1,16 +1,15 @@
 """Compare the surrogate over flow and membrane with states left out, and with simulations on a finer mesh.
 
-Run ``python -m evidence.benchmarks.membrane``; ``--write`` renews the table in ``evidence/results/membrane.md``. Each
-state is predicted from nine tenths of the others, and the capsules of ``data/pools/membrane-capsules.npz`` from all.
+Run ``python -m evidence.benchmarks.membrane``; ``--write`` renews the table in ``evidence/results/membrane.md``.
 ``--simulate FOLDER`` first simulates shapes at random places, which are no states, on a mesh of refinement 12; each
-finished one is kept in FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``. z is a difference
-over the stated error.
+finished one is kept in FOLDER, and those that were reached are stored in ``data/fresh-membrane.npz``.
 """
 
 from __future__ import annotations
 
-import argparse
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -23,18 +22,16 @@ from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
-from evidence.markdown import renew
+from evidence.benchmarks.stored import RESULTS, ROOT, complete, with_write
+from evidence.markdown import renew, table
 from evidence.rebuild import membrane_places
 
-ROOT = Path(__file__).parents[2]
-PAGE, STORED = ROOT / "evidence" / "results" / "membrane.md", ROOT / "data" / "fresh-membrane.npz"
+PAGE, FRESH = RESULTS / "membrane.md", ROOT / "data" / "fresh-membrane.npz"
 FOLDS, COUNT, FINE = 10, 40, 12
-BEGIN, END = "<!-- errors -->", "<!-- end of errors -->"
-COLUMNS = (
-    *("shapes", "outline, rms, l/1000", "median", "L_z, rms, %", "median", "L_a, rms, %", "median"),
+HEAD = (
+    *("", "shapes", "outline, rms, l/1000", "median", "L_z, rms, %", "median", "L_a, rms, %", "median"),
     *("v_o/U, rms, %", "median", "z, rms", "largest"),
 )
-HEAD = f"| | {' | '.join(COLUMNS)} |\n{'|---' * (len(COLUMNS) + 1)}|\n"
 
 
 def left_out(database: MembraneDatabase) -> tuple[Floats, Floats, Floats, Floats]:
@@ -60,13 +57,12 @@ def compared(model: MembraneSurrogate, values: Floats, numbers: Floats, outline:
     return values[inside], away / numbers[inside], score, np.sqrt(np.mean(normal**2, axis=1))
 
 
-def row(name: str, relative: Floats, score: Floats, displaced: Floats) -> str:
+def row(name: str, relative: Floats, score: Floats, displaced: Floats) -> list[str]:
     """Return a line of the table."""
-    cells = [f"{len(displaced)}", f"{1e3 * rms(displaced):.2g}", f"{1e3 * np.median(displaced):.2g}"]
+    cells = [name, f"{len(displaced)}", f"{1e3 * rms(displaced):.2g}", f"{1e3 * np.median(displaced):.2g}"]
     for column in relative.T:
         cells += [f"{100 * rms(column):.2g}", f"{100 * np.median(np.abs(column)):.2g}"]
-    cells += [f"{rms(score):.2g}", f"{np.abs(score).max():.2g}"]
-    return f"| {name} | {' | '.join(cells)} |\n"
+    return [*cells, f"{rms(score):.2g}", f"{np.abs(score).max():.2g}"]
 
 
 def rms(values: Floats) -> float:
@@ -74,7 +70,7 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def table() -> str:
+def errors() -> str:
     """Return the table of errors."""
     database = MembraneDatabase.open("square")
     values, *found = left_out(database)
@@ -90,62 +86,51 @@ def table() -> str:
     rows = values[:, 2] <= 0.05
     lines.append(row("fresh, refinement 8, all", *found))
     lines.append(row("fresh, refinement 8, alpha up to 0.05", *(part[rows] for part in found)))
-    with np.load(STORED) as fresh:
+    with np.load(FRESH) as fresh:
         _, *of_fresh = compared(model, fresh["values"], fresh["numbers"], fresh["profile"])
     lines.append(row("fresh, refinement 12", *of_fresh))
     _, *found = left_out(MembraneDatabase.open("circular"))
     lines.append(row("circular, left out, all", *found))
-    return HEAD + "".join(lines)
+    return table(HEAD, lines)
 
 
-def some_points(count: int) -> tuple[MembraneSurrogate, dict[str, Floats]]:
-    """Return the model for square channels and points at its states, drawn at random."""
-    model = MembraneSurrogate.open("square")
-    values = model.membrane_database["values"]
-    rows = np.random.default_rng(1).integers(0, len(values), count)
-    return model, dict(zip(FREE_PARAMETERS, values[rows].T, strict=True))
+def simulated(place: Floats) -> dict[str, Any]:
+    """Simulate the shape at a place, from the nearest state."""
+    fine = membrane_continuation("square", FINE)
+    state = fine.reached(nearest_state(MembraneDatabase.open("square"), fine, place), place)
+    seen = {} if state is None else fine.seen(state)
+    return {"values": fine.values(place[None])[0], "reached": state is not None, **seen}
 
 
 def simulate(folder: Path) -> None:
-    """Simulate the shapes that the folder lacks, each from the nearest state."""
-    database = MembraneDatabase.open("square")
+    """Simulate the shapes that the folder lacks, and store those that were reached."""
     fine = membrane_continuation("square", FINE)
     store, random = Store.open(folder, fine.settings), qmc.Sobol(len(FREE_PARAMETERS), rng=11).random_base2(6)[:COUNT]
-    stretched = membrane_places(fine, random)
-    for number, place in enumerate(stretched):
-        name = f"shape-{number:03d}"
-        if store.holds(name):
-            continue
-        state = fine.reached(nearest_state(database, fine, place), place)
-        seen = {} if state is None else fine.seen(state)
-        store.save(name, {"values": fine.values(place[None])[0], "reached": state is not None, **seen})
-        print(f"{number + 1} of {COUNT}", flush=True)
+    places = enumerate(membrane_places(fine, random))
+    try:
+        with threadpool_limits(limits=1):
+            complete(store, ((f"shape-{number:03d}", partial(simulated, place)) for number, place in places))
+    finally:
+        parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
+        columns = {
+            "values": [part["values"] for part in parts],
+            "numbers": [part["numbers"][: len(NUMBERS) - 1] for part in parts],
+            "profile": [part["profile"].reshape(-1, 2) for part in parts],
+        }
+        np.savez_compressed(FRESH, **{name: np.array(column) for name, column in columns.items()})
 
 
-def store_reached(folder: Path) -> None:
-    """Store the shapes of a folder that were reached."""
-    store = Store.open(folder, membrane_continuation("square", FINE).settings)
-    parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
-    columns = {
-        "values": [part["values"] for part in parts],
-        "numbers": [part["numbers"][: len(NUMBERS) - 1] for part in parts],
-        "profile": [part["profile"].reshape(-1, 2) for part in parts],
-    }
-    np.savez_compressed(STORED, **{name: np.array(column) for name, column in columns.items()})
+def main() -> None:
+    parser = with_write(__doc__)
+    parser.add_argument("--simulate", type=Path, metavar="FOLDER")
+    given = parser.parse_args()
+    if given.simulate is not None:
+        simulate(given.simulate)
+    text = errors()
+    print(text)
+    if given.write:
+        renew(PAGE, "errors", text)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--simulate", type=Path, metavar="FOLDER")
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
-    if options.simulate is not None:
-        try:
-            with threadpool_limits(limits=1):
-                simulate(options.simulate)
-        finally:
-            store_reached(options.simulate)
-    text = table()
-    print(text)
-    if options.write:
-        renew(PAGE, BEGIN, END, f"\n{text}")
+    main()

@@ -1,32 +1,16 @@
 """Coverage of what a batch tells of its membrane: ``python -m evidence.benchmarks.membrane_batches FOLDER``.
 
-The batches are those of ``data/pools/membrane-batches.npz``: 40 capsules each, simulated one by one, at four flow
-rates. The capsules are measured with errors as in ``membrane_coverage.py``, the pump tells the flow rate to 1 %, and
-errors of viscosity, half width and pump are shared by the batch. Counted is whether intervals hold the truth: of the
-mean G_s of the population, of alpha, K, h and B of the membrane, and of G_s of each capsule. The first fourteen batches
-were looked at while the method was made; the later ones are counted apart too.
-
-Then one flow rate is left out, in turn from batch to batch, and predicted from the others: capsules drawn from the
-population flow at it, and the 68 % and 95 % intervals of their L_z, L_a and v_o with their errors are to hold what was
-measured there. The same is done with the membrane taken as neo-Hookean, without inflation and with the bending
-stiffness of the plain databases.
-
-Batches whose pre-inflation varies, of ``data/pools/membrane-inflated.npz``, are read as of one inflation and as of one
-that varies, by outlines. The model's own error is measured at the capsules of ``data/pools/membrane-capsules.npz``
-along what tells a membrane, over its stated standard deviation: 5 % of a normal error would be above 1.96.
-
-``--lengths N`` and ``--outlines N`` say how many batches there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-batches.json`` and the tables
-in ``evidence/results/membrane.md``.
+``--lengths N`` and ``--outlines N`` say how many batches of ``data/pools/membrane-batches.npz`` there are to be of each
+kind. Each finished one is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
+``evidence/results/membrane-batches.json`` and the tables in ``evidence/results/membrane.md``, where the batches are
+described.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import re
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,20 +23,22 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import SharedMembrane, capsules_of, identify_membrane
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
 from capsbayes.parameters import PARAMETERS
-from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from evidence.benchmarks import membrane_coverage, membrane_pools
-from evidence.benchmarks.membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
-from evidence.benchmarks.population_coverage import share
-from evidence.markdown import renew
+from evidence.benchmarks.counts import LEVELS, covered
+from evidence.benchmarks.membrane_coverage import (
+    HALF_WIDTH,
+    LENGTH_ERROR,
+    NOISE,
+    VELOCITY,
+    VISCOSITY,
+    noisy_lengths,
+    noisy_outline,
+    stated,
+)
+from evidence.benchmarks.stored import Stored, complete, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "membrane-batches.json", ROOT / "evidence" / "results" / "membrane.md"
-MARKS = {
-    "coverage": ("<!-- batches -->\n", "<!-- end of batches -->\n"),
-    "transfer": ("<!-- transfer -->\n", "<!-- end of transfer -->\n"),
-    "inflated": ("<!-- inflated -->\n", "<!-- end of inflated -->\n"),
-}
 PUMP = 0.01
 QUANTITIES = {
     "surface_shear_modulus": "mean G_s",
@@ -60,7 +46,6 @@ QUANTITIES = {
     "surface_shear_modulus_each": "G_s of each",
 }
 PREDICTED = {"axial_extent": "L_z", "axial_length": "L_a", "capsule_velocity": "v_o"}
-LEVELS = membrane_coverage.LEVELS
 INFLATED = {name: PARAMETERS[name].label for name in ("pre_inflation", "inflation_spread", "surface_shear_modulus")}
 READINGS = {"one": False, "varying": True}
 MEMBRANES = {
@@ -79,7 +64,7 @@ class Session:
         of_batch = {key: pool[key][rows] for key in ("values", "numbers", "profile", "relative_modulus", "flow_factor")}
         self.kind, self.flow = kind, pool["flow"][rows].astype(int)
         self.rng = np.random.default_rng([11, number, noise] if noise else [11, number])
-        self.viscosity, self.width = (self.rng.normal(*stated) for stated in (VISCOSITY, HALF_WIDTH))
+        self.viscosity, self.width = (self.rng.normal(*known) for known in (VISCOSITY, HALF_WIDTH))
         self.speeds = VELOCITY[0] * of_batch["flow_factor"]
         pump = 1.0 + PUMP * self.rng.standard_normal()
         self.measurements = [
@@ -95,30 +80,17 @@ class Session:
         self.truth = {"surface_shear_modulus": middle, "surface_shear_modulus_each": moduli, **of_membrane}
 
     def _measured(self, numbers: Floats, outline: Floats, speed: float, pump: float) -> Measurement:
-        lengths = numbers[:2] + LENGTH_ERROR * self.rng.standard_normal(2)
-        if lengths[1] > lengths[0]:  # of a convex capsule, whose lengths are the same
-            lengths[:] = lengths.mean()
-        velocity, error = speed * numbers[2], VELOCITY[1] * speed * numbers[2]
-        vertices, normals = (array[:: membrane_coverage.EVERY] for array in (outline, vertex_normals(outline)))
-        away = NOISE.drawn(self.rng, vertices, 1)[0][:, None] * normals
-        rate = 4.0 * self.width**2 * speed * pump
-        return Measurement(
-            axial_extent=float(lengths[0]),
-            axial_extent_error=LENGTH_ERROR,
-            axial_length=float(lengths[1]),
-            axial_length_error=LENGTH_ERROR,
-            capsule_velocity=float(velocity + error * self.rng.standard_normal()),
-            capsule_velocity_error=float(error),
-            flow_rate=float(rate),
-            flow_rate_error=float(PUMP * rate),
-            outline=MeasuredOutline(vertices + away, NOISE) if self.kind == "outline" else None,
-        )
+        lengths, noisy = noisy_lengths(numbers, self.rng), noisy_outline(outline, self.rng)
+        error, rate = VELOCITY[1] * speed * numbers[2], float(4.0 * self.width**2 * speed * pump)
+        velocity = speed * numbers[2] + error * self.rng.standard_normal()
+        seen = noisy if self.kind == "outline" else None
+        return stated(lengths, velocity, error, seen, flow_rate=rate, flow_rate_error=PUMP * rate)
 
     def found(self, membrane: str, rows: Booleans) -> SharedMembrane:
         """Return the membrane that some of the capsules tell."""
-        some = [measurement for measurement, taken in zip(self.measurements, rows, strict=True) if taken]
+        chosen = [measurement for measurement, taken in zip(self.measurements, rows, strict=True) if taken]
         known = MEMBRANES[membrane]
-        return identify_membrane(some, membrane_coverage.experiment(), seed=1, membrane=known, laws=False)
+        return identify_membrane(chosen, membrane_coverage.experiment(), seed=1, membrane=known, laws=False)
 
 
 def coverage(session: Session, membrane: str) -> dict[str, Any]:
@@ -198,18 +170,11 @@ def tail() -> float:
     """Return the 95 % quantile of the model's error over its stated one, along what tells a membrane."""
     pool, model = membrane_pools.stored("capsules"), membrane_coverage.model("unknown")
     experiment = membrane_coverage.experiment()
-    exact = [
-        Measurement(
-            axial_extent=float(numbers[0]),
-            axial_extent_error=LENGTH_ERROR,
-            axial_length=float(min(numbers[:2])),
-            axial_length_error=LENGTH_ERROR,
-            capsule_velocity=float(numbers[2] * VELOCITY[0]),
-            capsule_velocity_error=VELOCITY[1] * VELOCITY[0],
-            outline=MeasuredOutline(outline[:: membrane_coverage.EVERY], NOISE),
-        )
-        for numbers, outline in zip(pool["numbers"], pool["profile"], strict=True)
-    ]
+    exact = []
+    for numbers, outline in zip(pool["numbers"], pool["profile"], strict=True):
+        lengths, vertices = np.minimum(numbers[:2], numbers[0]), outline[:: membrane_coverage.EVERY]
+        velocity, error = numbers[2] * VELOCITY[0], VELOCITY[1] * VELOCITY[0]
+        exact.append(stated(lengths, velocity, error, MeasuredOutline(vertices, NOISE)))
     capsules = capsules_of(exact, experiment, model)
     theta = dict(zip(FREE_PARAMETERS, pool["values"].T, strict=True))
     steps = np.array([1e-3 * np.median(values) for values in theta.values()])
@@ -225,33 +190,28 @@ def tail() -> float:
     own, of_membrane = along[..., :2], along[..., 2:]
     taken = weight @ own @ np.linalg.inv(own.swapaxes(1, 2) @ weight @ own) @ own.swapaxes(1, 2) @ weight
     telling = of_membrane.swapaxes(1, 2) @ (weight - taken)
-    stated = np.einsum("naq,nqp,nap->na", telling, error, telling)
-    score = np.abs((telling @ away[..., None])[..., 0]) / np.sqrt(stated)
+    variance = np.einsum("naq,nqp,nap->na", telling, error, telling)
+    score = np.abs((telling @ away[..., None])[..., 0]) / np.sqrt(variance)
     return float(f"{np.quantile(score, 0.95):.2g}")
 
 
 def run(folder: Path, kind: str, count: int) -> None:
-    """Identify the first batches that the folder lacks."""
-    pool = membrane_pools.stored("batches")
-    for number in np.unique(pool["batch"]).astype(int)[:count]:
-        tasks: dict[str, Callable[..., dict[str, Any]]] = {"coverage": coverage, "transfer": transfer}
-        for name, task in tasks.items():
-            for membrane in MEMBRANES:
-                store, part = store_of(folder), f"{kind}-{membrane}-{name}-{number:02d}"
-                if not store.holds(part):
-                    further = (int(number) % len(membrane_pools.FLOW_RATES),) if name == "transfer" else ()
-                    store.save(part, task(Session(pool, int(number), kind), membrane, *further))
-                    print(part, flush=True)
+    """Identify the first batches that the folder lacks, all of each and then without one flow rate."""
+    pool, store = membrane_pools.stored("batches"), store_of(folder)
+    for number in np.unique(pool["batch"]).astype(int)[:count].tolist():
+        session, left_out = Session(pool, number, kind), number % len(membrane_pools.FLOW_RATES)
+        for membrane in MEMBRANES:
+            tasks = {"coverage": partial(coverage, session, membrane)}
+            tasks["transfer"] = partial(transfer, session, membrane, left_out)
+            complete(store, ((f"{kind}-{membrane}-{name}-{number:02d}", task) for name, task in tasks.items()))
 
 
 def run_inflated(folder: Path) -> None:
     """Read the inflated batches that the folder lacks."""
     pool = membrane_pools.stored("inflated")
-    for number in np.unique(pool["batch"]).astype(int):
-        store, part = store_of(folder), f"inflated-{number:02d}"
-        if not store.holds(part):
-            store.save(part, inflated(Session(pool, int(number), "outline")))
-            print(part, flush=True)
+    sessions = {number: Session(pool, number, "outline") for number in np.unique(pool["batch"]).astype(int).tolist()}
+    tasks = ((f"inflated-{number:02d}", partial(inflated, session)) for number, session in sessions.items())
+    complete(store_of(folder), tasks)
 
 
 def store_of(folder: Path) -> Store:
@@ -262,19 +222,19 @@ def store_of(folder: Path) -> Store:
 
 def counted(folder: Path) -> dict[str, Any]:
     """Return counts and medians of what a folder holds, by table, and by kind and membrane."""
-    store, tables = store_of(folder), {"coverage": {}, "transfer": {}}
-    for table_name, rows in tables.items():
+    store, counts = store_of(folder), {"coverage": {}, "transfer": {}}
+    for what, rows in counts.items():
         for kind in membrane_coverage.KINDS:
             for membrane in MEMBRANES:
-                names = sorted(store.names(f"{kind}-{membrane}-{table_name}-*"))
+                names = sorted(store.names(f"{kind}-{membrane}-{what}-*"))
                 parts = [part for name in names if (part := store.load(name)) is not None]
                 if parts:
                     rows[f"{kind}, {membrane}"] = counts_of(parts)
-                if table_name == "coverage" and membrane == "unknown" and len(parts) > CHOSEN_ON:
+                if what == "coverage" and membrane == "unknown" and len(parts) > CHOSEN_ON:
                     rows[f"{kind}, unknown (batches {CHOSEN_ON + 1} on)"] = counts_of(parts[CHOSEN_ON:])
     names = sorted(store.names("inflated-*"))
-    tables["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
-    return tables | {"tail": tail()}
+    counts["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
+    return counts | {"tail": tail()}
 
 
 def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
@@ -289,60 +249,53 @@ def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
     return counts
 
 
-def table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:
-    """Return counts as a Markdown table."""
-    last = ["sd of ln mean G_s, median"] if "surface_shear_modulus" in quantities else []
-    head = ["measured", "membrane", "batches", "not to be used", *quantities.values(), *last]
-    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+def tables(counts: dict[str, Any]) -> dict[str, str]:
+    """Return the tables by the marks of the page."""
+    return {
+        "batches": _table(counts["coverage"], QUANTITIES),
+        "transfer": _table(counts["transfer"], PREDICTED),
+        "inflated": table(("batch", "read as of", *INFLATED.values()), _inflated_rows(counts["inflated"])),
+    }
+
+
+def _table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:
+    """Return counts as a table."""
+    of_modulus = "surface_shear_modulus" in quantities
+    head = ["measured", "membrane", "batches", "not to be used", *quantities.values()]
+    head += ["sd of ln mean G_s, median"] if of_modulus else []
+    lines = []
     for name, counts in rows.items():
         cells = [*name.split(", "), str(counts["batches"]), str(counts["not to be used"])]
-        for quantity in quantities:
-            number = counts.get(quantity, 0)
-            both = [counts.get(f"{quantity} {level}", 0) for level in LEVELS]
-            cells.append(f"{both[0] / number:.0%}, {share(both[1], number)}" if number else "")
-        cells += [f"{counts['log_modulus_sd']:.2g}"] if last else []
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return re.sub(" ?%", " %", "".join(lines))
+        cells += [covered(counts, name, counts[name]) if counts.get(name) else "" for name in quantities]
+        lines.append(cells + ([f"{counts['log_modulus_sd']:.2g}"] if of_modulus else []))
+    return table(head, lines)
 
 
-def tables(counts: dict[str, Any]) -> dict[str, str]:
-    """Return the tables by the names of `MARKS`."""
-    both = {"coverage": QUANTITIES, "transfer": PREDICTED}
-    shown = {name: table(counts[name], quantities) for name, quantities in both.items()}
-    return shown | {"inflated": inflated_table(counts["inflated"])}
-
-
-def inflated_table(batches: dict[str, dict[str, Any]]) -> str:
-    """Return what batches with an inflation that varies tell as a Markdown table."""
-    lines = ["| batch | read as of | " + " | ".join(INFLATED.values()) + " |\n", "|---" * (2 + len(INFLATED)) + "|\n"]
-    for number, found in batches.items():
-        readings = {"the truth": [f"{PARAMETERS[n].shown(found[f'varying {n}'][3]):.3g}" for n in INFLATED]}
+def _inflated_rows(batches: dict[str, dict[str, Any]]) -> Iterator[list[str]]:
+    """Yield what batches with an inflation that varies tell: the truth, and the answer of each reading."""
+    for number, answers in batches.items():
+        truth = [PARAMETERS[name].shown(answers[f"varying {name}"][3]) for name in INFLATED]
+        yield [number, "the truth", *(f"{value:.3g}" for value in truth)]
         for reading in READINGS:
-            cells = [[PARAMETERS[n].shown(v) for v in found.get(f"{reading} {n}", [])[:3]] for n in INFLATED]
-            readings[f"{reading} inflation"] = [
-                "{:.3g} ({:.3g} to {:.3g})".format(*cell) if cell else "" for cell in cells
-            ]
-        lines += [f"| {number} | {reading} | {' | '.join(cells)} |\n" for reading, cells in readings.items()]
-    return "".join(lines)
+            found = [answers.get(f"{reading} {name}", [])[:3] for name in INFLATED]
+            shown = [[PARAMETERS[name].shown(end) for end in ends] for name, ends in zip(INFLATED, found, strict=True)]
+            cells = ["{:.3g} ({:.3g} to {:.3g})".format(*ends) if ends else "" for ends in shown]
+            yield [number, f"{reading} inflation", *cells]
+
+
+STORED = Stored("membrane-batches.json", "evidence/results/membrane.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("folder", type=Path, help="where identified batches are kept")
     parser.add_argument("--lengths", type=int, default=membrane_pools.BATCHES["batches"])
     parser.add_argument("--outlines", type=int, default=membrane_pools.BATCHES["batches"])
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
-    run(options.folder, "lengths", options.lengths)
-    run(options.folder, "outline", options.outlines)
-    run_inflated(options.folder)
-    counts = counted(options.folder)
-    shown = tables(counts)
-    print(*shown.values(), sep="\n")
-    if options.write:
-        STORED.write_text(json.dumps(counts, indent=1) + "\n")
-        for name, marks in MARKS.items():
-            renew(PAGE, *marks, shown[name])
+    given = parser.parse_args()
+    run(given.folder, "lengths", given.lengths)
+    run(given.folder, "outline", given.outlines)
+    run_inflated(given.folder)
+    STORED.show(counted(given.folder), write=given.write)
 
 
 if __name__ == "__main__":

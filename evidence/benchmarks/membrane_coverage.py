@@ -1,25 +1,17 @@
 """Coverage of the intervals with the membrane unknown: ``python -m evidence.benchmarks.membrane_coverage FOLDER``.
 
-The capsules are those of ``data/pools/membrane-capsules.npz`` in the domain of the model: simulated one by one, with
-membranes drawn from the default priors. Each is measured with errors: its lengths to 0.01 l, or its mid-plane outline
-to 0.005 l; its velocity to 1 %, the viscosity to 1 %, the half width to 0.2 %. It is identified with the membrane
-unknown, and with the default model, which takes it as neo-Hookean and not inflated. Of each it is counted whether the
-68 % and 95 % intervals hold the truth. So it is, with the membrane unknown, of ``data/pools/membrane-others.npz``:
-capsules whose laws are no members of the family.
-
-``--lengths N`` and ``--outlines N`` say how many capsules there are to be of each kind. Each finished one is kept in
-FOLDER, so that an interrupted run resumes. ``--write`` renews ``evidence/results/membrane-coverage.json`` and the
-tables in ``evidence/results/membrane.md``; rows that FOLDER does not hold stay as they are.
+``--lengths N`` and ``--outlines N`` say how many capsules of ``data/pools/membrane-capsules.npz`` there are to be of
+each kind, ``--others N`` how many of ``membrane-others.npz``. Each finished one is kept in FOLDER, so that an
+interrupted run resumes. ``--write`` renews ``evidence/results/membrane-coverage.json`` and the tables in
+``evidence/results/membrane.md``, where the capsules are described; rows that FOLDER does not hold stay as they are.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import re
 import time
+from collections.abc import Iterable
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +27,10 @@ from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
-from evidence.benchmarks.population_coverage import share
-from evidence.markdown import renew
+from evidence.benchmarks.counts import LEVELS, covered
+from evidence.benchmarks.stored import Stored, complete, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "membrane-coverage.json", ROOT / "evidence" / "results" / "membrane.md"
-MARKS = {
-    "capsules": ("<!-- coverage -->\n", "<!-- end of coverage -->\n"),
-    "others": ("<!-- other laws -->\n", "<!-- end of other laws -->\n"),
-}
 VISCOSITY, HALF_WIDTH, VELOCITY = (0.7, 0.007), (50e-6, 0.1e-6), (4e-3, 0.01)  # with errors, the last one relative
 LENGTH_ERROR, NOISE, EVERY = 0.01, OutlineNoise(0.005, 0.4, 0.1), 4
 QUANTITIES = {
@@ -54,8 +41,7 @@ QUANTITIES = {
     "strain_hardening": "h",
     "bending": "B",
 }
-LEVELS = (68, 95)
-KINDS = {"lengths": "lengths", "outline": "outline"}
+KINDS = ("lengths", "outline")
 MODELS = {"unknown": "membrane unknown", "neo-Hookean": "neo-Hookean, no inflation"}
 NOT_TO_BE_USED = "do not use"  # in the sentence of a status
 
@@ -71,10 +57,10 @@ def capsules(pool: str = "capsules") -> dict[int, tuple[Floats, Floats, Floats]]
 
     Of members of the family those in the domain of the model; the place of others there is not known.
     """
-    there = membrane_pools.stored(pool)
-    inside = np.isnan(there["values"]).any(axis=1) | model("unknown").domain.contains(*there["values"].T)
-    seen = (there[key] for key in ("values", "numbers", "profile"))
-    return {row: capsule for row, capsule in enumerate(zip(*seen, strict=True)) if inside[row]}
+    arrays = membrane_pools.stored(pool)
+    inside = np.isnan(arrays["values"]).any(axis=1) | model("unknown").domain.contains(*arrays["values"].T)
+    columns = (arrays[key] for key in ("values", "numbers", "profile"))
+    return {row: capsule for row, capsule in enumerate(zip(*columns, strict=True)) if inside[row]}
 
 
 def models_of(pool: str) -> dict[str, str]:
@@ -92,33 +78,52 @@ def experiment() -> Experiment:
     )
 
 
-def measured(
-    kind: str, values: Floats, numbers: Floats, outline: Floats, rng: np.random.Generator
-) -> tuple[Measurement, dict[str, float]]:
-    """Return the measurement of a capsule, and the truth."""
+def noisy_lengths(numbers: Floats, rng: np.random.Generator) -> Floats:
+    """Return L_z and L_a with errors; those of a convex capsule are the same."""
     lengths = numbers[:2] + LENGTH_ERROR * rng.standard_normal(2)
-    if lengths[1] > lengths[0]:  # of a convex capsule, whose lengths are the same
-        lengths[:] = lengths.mean()
-    velocity, error = VELOCITY[0] * numbers[2], VELOCITY[1] * VELOCITY[0] * numbers[2]
-    viscosity, width = (rng.normal(*stated) for stated in (VISCOSITY, HALF_WIDTH))
-    vertices = outline[::EVERY]
-    away = NOISE.drawn(rng, vertices, 1)[0][:, None] * vertex_normals(outline)[::EVERY]
-    seen = Measurement(
+    return np.full(2, lengths.mean()) if lengths[1] > lengths[0] else lengths
+
+
+def noisy_outline(outline: Floats, rng: np.random.Generator) -> MeasuredOutline:
+    """Return some vertices of an outline with errors along its normals."""
+    vertices, normals = outline[::EVERY], vertex_normals(outline)[::EVERY]
+    return MeasuredOutline(vertices + NOISE.drawn(rng, vertices, 1)[0][:, None] * normals, NOISE)
+
+
+def stated(
+    lengths: Floats, velocity: float, error: float, outline: MeasuredOutline | None, **flow_rate: float
+) -> Measurement:
+    """Return a measurement with the errors that it states."""
+    return Measurement(
         axial_extent=float(lengths[0]),
         axial_extent_error=LENGTH_ERROR,
         axial_length=float(lengths[1]),
         axial_length_error=LENGTH_ERROR,
-        capsule_velocity=float(velocity + error * rng.standard_normal()),
+        capsule_velocity=float(velocity),
         capsule_velocity_error=float(error),
-        outline=MeasuredOutline(vertices + away, NOISE) if kind == "outline" else None,
+        outline=outline,
+        **flow_rate,
     )
+
+
+def measured(
+    kind: str, values: Floats, numbers: Floats, outline: Floats, rng: np.random.Generator
+) -> tuple[Measurement, dict[str, float]]:
+    """Return the measurement of a capsule, and the truth."""
+    lengths = noisy_lengths(numbers, rng)
+    velocity, error = VELOCITY[0] * numbers[2], VELOCITY[1] * VELOCITY[0] * numbers[2]
+    viscosity, width = (rng.normal(*known) for known in (VISCOSITY, HALF_WIDTH))
+    noisy = noisy_outline(outline, rng)
+    velocity += error * rng.standard_normal()
+    seen = stated(lengths, velocity, error, noisy if kind == "outline" else None)
     truth = {"surface_shear_modulus": viscosity * VELOCITY[0] / values[0], "capsule_radius": values[1] * width}
     of_membrane = dict(zip(FREE_PARAMETERS[2:], values[2:].tolist(), strict=True))
     return seen, truth | {name: value for name, value in of_membrane.items() if np.isfinite(value)}
 
 
-def identified(kind: str, name: str, seen: Measurement, truth: dict[str, float]) -> dict[str, Any]:
-    """Return the truth, the intervals, the status and the time of one capsule."""
+def identified(kind: str, name: str, row: int, capsule: tuple[Floats, Floats, Floats]) -> dict[str, Any]:
+    """Return the truth, the intervals, the status and the time of one capsule, measured with errors by its row."""
+    seen, truth = measured(kind, *capsule, np.random.default_rng([7, row]))
     begin = time.process_time()
     try:
         posterior = identify(seen, model(name), experiment(), engine="quadrature", seed=1, error_budget=False)
@@ -141,13 +146,10 @@ def store_of(folder: Path, pool: str, name: str) -> Store:
 
 def run(folder: Path, pool: str, kind: str, count: int) -> None:
     """Identify the first capsules of a pool that the folder lacks."""
-    for number, (row, capsule) in enumerate(list(capsules(pool).items())[:count], start=1):
-        for name in models_of(pool):
-            store, part = store_of(folder, pool, name), f"{kind}-{row:03d}"
-            if not store.holds(part):
-                seen = measured(kind, *capsule, np.random.default_rng([7, row]))
-                store.save(part, identified(kind, name, *seen))
-        print(f"{pool}, {kind}: {number} of {count}", flush=True)
+    chosen = list(capsules(pool).items())[:count]
+    for name in models_of(pool):
+        tasks = ((f"{kind}-{row:03d}", partial(identified, kind, name, row, capsule)) for row, capsule in chosen)
+        complete(store_of(folder, pool, name), tasks)
 
 
 def counted(folder: Path, pool: str) -> dict[str, dict[str, Any]]:
@@ -189,45 +191,43 @@ def holds(part: dict[str, Any], quantity: str, level: int) -> bool:
     return bool(found[f"lower_{level}"] <= part["truth"][quantity] <= found[f"upper_{level}"])
 
 
-def table(rows: dict[str, dict[str, Any]]) -> str:
-    """Return the counts as a Markdown table."""
+def tables(stored: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the table of the members of the family, and that of other laws."""
+    return {"coverage": _table(stored["capsules"], "model"), "other laws": _table(stored["others"], "law")}
+
+
+def _table(rows: dict[str, dict[str, Any]], identified_by: str) -> str:
+    """Return the counts as a table."""
     shown = {name: symbol for name, symbol in QUANTITIES.items() if any(f"{name} 68" in row for row in rows.values())}
-    laws = all(name.split(", ")[1] in membrane_pools.OTHER_LAWS for name in rows)
-    head = ("measured", "law" if laws else "model", "capsules", "refused", *shown.values())
-    head = (*head, "sd of ln G_s, median", "its error, median")
-    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
-    for name, counts in rows.items():
-        kind, other = name.split(", ")
-        used = counts["capsules"] - counts["refused"]
-        cells = [KINDS[kind], MODELS.get(other, other), str(counts["capsules"]), str(counts["refused"])]
-        for quantity in shown:
-            there = f"{quantity} 68" in counts
-            held = [counts[f"{quantity} {level}"] for level in LEVELS] if there else []
-            cells.append(f"{held[0] / used:.0%}, {share(held[1], used)}" if there else "")
-        cells += [f"{counts['log_modulus_sd']:.2g}", f"{counts['bias']:+.2f}"] if used else ["", ""]
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return re.sub(" ?%", " %", "".join(lines))
+    head = ("measured", identified_by, "capsules", "refused", *shown.values())
+    head += ("sd of ln G_s, median", "its error, median")
+    return table(head, (_cells(name, counts, shown) for name, counts in rows.items()))
+
+
+def _cells(name: str, counts: dict[str, Any], quantities: Iterable[str]) -> list[str]:
+    kind, other = name.split(", ")
+    used = counts["capsules"] - counts["refused"]
+    cells = [kind, MODELS.get(other, other), str(counts["capsules"]), str(counts["refused"])]
+    cells += [covered(counts, quantity, used) if f"{quantity} 68" in counts else "" for quantity in quantities]
+    return cells + ([f"{counts['log_modulus_sd']:.2g}", f"{counts['bias']:+.2f}"] if used else ["", ""])
+
+
+STORED = Stored("membrane-coverage.json", "evidence/results/membrane.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("folder", type=Path, help="where identified capsules are kept")
     parser.add_argument("--lengths", type=int, default=150)
     parser.add_argument("--outlines", type=int, default=60)
     parser.add_argument("--others", type=int, default=2 * membrane_pools.OF_EACH)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
-    run(options.folder, "capsules", "lengths", options.lengths)
-    run(options.folder, "capsules", "outline", options.outlines)
+    given = parser.parse_args()
+    run(given.folder, "capsules", "lengths", given.lengths)
+    run(given.folder, "capsules", "outline", given.outlines)
     for kind in KINDS:
-        run(options.folder, "others", kind, options.others)
-    stored = json.loads(STORED.read_text())
-    rows = {pool: stored[pool] | counted(options.folder, pool) for pool in MARKS}
-    print(*map(table, rows.values()), sep="\n")
-    if options.write:
-        STORED.write_text(json.dumps(rows, indent=1) + "\n")
-        for pool, marks in MARKS.items():
-            renew(PAGE, *marks, table(rows[pool]))
+        run(given.folder, "others", kind, given.others)
+    rows = {pool: of_pool | counted(given.folder, pool) for pool, of_pool in STORED.read().items()}
+    STORED.show(rows, write=given.write)
 
 
 if __name__ == "__main__":

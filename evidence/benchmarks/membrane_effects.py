@@ -1,24 +1,19 @@
 """Compare two effects of the membrane computed together with their sum.
 
-Run ``python -m evidence.benchmarks.membrane_effects``. The capsules are those of ``data/pools/membrane-pairs.npz``,
-whose membranes differ from the plain one in two parameters, and of ``data/pools/membrane-capsules.npz`` those of which
-sum and joint prediction differ most, where all four differ. To the mid-plane outline of each, without errors, a model
+Run ``python -m evidence.benchmarks.membrane_effects``. To the mid-plane outline of each capsule of
+``data/pools/membrane-pairs.npz``, and of those of ``membrane-capsules.npz`` for which both ways differ most, a model
 fits Ca and a/l at the true sizes of the effects as in a diagnosis, with the noise of the exam: 0.01 l, correlated along
-the outline. The model has the effects computed together, or their changes added up. What ln G_s is off by is a bias;
-its standard error is that of one capsule.
+the outline.
 
 ``--write`` renews ``evidence/results/membrane-effects.json`` and the table in ``evidence/results/diagnosis.md``.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,11 +31,9 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 from evidence.benchmarks import membrane_pools
-from evidence.markdown import renew
+from evidence.benchmarks.stored import Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "membrane-effects.json", ROOT / "evidence" / "results" / "diagnosis.md"
-BEGIN, END = "<!-- two effects -->\n", "<!-- end of two effects -->\n"
 VISCOSITY, HALF_WIDTH, VELOCITY = 0.8, 25e-6, 4e-3  # SI, the last one that of the undisturbed flow
 NOISE, LENGTH_ERROR, EVERY = OutlineNoise(0.01, 0.2), 0.014, 4
 MOST_DIFFERENT = 40
@@ -54,26 +47,15 @@ HEAD = (
 )
 
 
-@dataclass(frozen=True, eq=False)
 class AddedUp(ForwardModel):
-    """Model with effects, each computed alone, whose changes are added up.
+    """Model with effects, named by their parameters and each computed alone, whose changes are added up."""
 
-    Parameters
-    ----------
-    plain : ForwardModel
-    effects : tuple of str
-        Their parameters.
-    """
-
-    plain: ForwardModel
-    effects: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("name", "sha256", "domain", "cross_section"):
-            object.__setattr__(self, name, getattr(self.plain, name))
+    def __init__(self, plain: ForwardModel, effects: tuple[str, ...]) -> None:
+        self.plain, self.effects = plain, effects
+        self.name, self.sha256 = plain.name, plain.sha256
+        self.domain, self.cross_section = plain.domain, plain.cross_section
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch."""
         flow = {name: theta[name] for name in FREE_PARAMETERS[:2]}
         found = without = self.plain(flow, outline=outline)
         for name in self.effects:
@@ -144,9 +126,9 @@ def rows() -> dict[str, dict[str, Any]]:
         ]
         for one, other in combinations(OF_THE_MEMBRANE, 2)
     }
-    table = {name: counted(pairs, some) for name, some in kinds.items()}
+    counts = {name: counted(pairs, chosen) for name, chosen in kinds.items()}
     capsules = membrane_pools.stored("capsules")
-    return table | {f"{ALL_FOUR}, the {MOST_DIFFERENT} most different": counted(capsules, most_different(capsules))}
+    return counts | {f"{ALL_FOUR}, the {MOST_DIFFERENT} most different": counted(capsules, most_different(capsules))}
 
 
 def most_different(pool: dict[str, Floats]) -> list[int]:
@@ -157,13 +139,13 @@ def most_different(pool: dict[str, Floats]) -> list[int]:
     return [int(row) for row in np.argsort(-np.nan_to_num(apart))[:MOST_DIFFERENT]]
 
 
-def counted(pool: dict[str, Floats], some: list[int]) -> dict[str, Any]:
-    """Return what a row of the table states of some capsules of a pool."""
-    seen = [errors(*(pool[key][row] for key in ("values", "numbers", "profile"))) for row in some]
-    found = [one for one in seen if one is not None]
-    counts: dict[str, Any] = {"capsules": len(found), "of": len(some)}
+def counted(pool: dict[str, Floats], chosen: list[int]) -> dict[str, Any]:
+    """Return what a row of the table states of the chosen capsules of a pool."""
+    of_each = [errors(*(pool[key][row] for key in ("values", "numbers", "profile"))) for row in chosen]
+    compared = [capsule for capsule in of_each if capsule is not None]
+    counts: dict[str, Any] = {"capsules": len(compared), "of": len(chosen)}
     for way in WAYS:
-        off, error, gap = np.array([one[way] for one in found]).T
+        off, error, gap = np.array([capsule[way] for capsule in compared]).T
         counts[way] = {
             "rms": float(np.sqrt(np.mean(off**2))),
             "largest": float(np.abs(off).max()),
@@ -173,27 +155,25 @@ def counted(pool: dict[str, Floats], some: list[int]) -> dict[str, Any]:
     return counts
 
 
-def table(found: dict[str, dict[str, Any]]) -> str:
-    """Return the numbers as a Markdown table."""
-    lines = [f"| {' | '.join(HEAD)} |\n", "|---" * len(HEAD) + "|\n"]
+def tables(found: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the table, a row for each pair of effects, and one for all four."""
+    lines = []
     for name, counts in found.items():
         cells = [name, f"{counts['capsules']} of {counts['of']}"]
         for key, scale in (("rms", 1.0), ("largest", 1.0), ("score", 1.0), ("gap", 1e3)):
             cells += [f"{scale * counts[way][key]:.2g}" for way in WAYS]
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return "".join(lines)
+        lines.append(cells)
+    return {"two effects": table(HEAD, lines)}
+
+
+STORED = Stored("membrane-effects.json", "evidence/results/diagnosis.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+    given = with_write(__doc__).parse_args()
     with threadpool_limits(limits=1):
         found = rows()
-    print(table(found))
-    if options.write:
-        STORED.write_text(json.dumps(found, indent=1) + "\n")
-        renew(PAGE, BEGIN, END, table(found))
+    STORED.show(found, write=given.write)
 
 
 if __name__ == "__main__":

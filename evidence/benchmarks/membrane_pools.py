@@ -2,9 +2,8 @@
 
 Run ``python -m evidence.benchmarks.membrane_pools capsules|batches|inflated|others|pairs FOLDER``. Each solve starts
 from the nearest state of the shipped database, or from the nearest capsule of the same batch. Each finished capsule is
-kept in FOLDER, so that an interrupted run resumes; what has ended is then stored, without the unfinished batches, next
-to the batches that were stored before, which are not simulated again. The mesh is that of the states, of refinement 8;
-no place is one of theirs.
+kept in FOLDER, so that an interrupted run resumes; what has ended is then stored, without the unfinished batches. The
+mesh is that of the states, of refinement 8; no place is one of theirs.
 
 Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
 
@@ -23,11 +22,12 @@ of refinement 12.
 
 from __future__ import annotations
 
-import argparse
 import json
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from itertools import combinations
+from functools import partial
+from itertools import chain, combinations, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,8 +57,8 @@ from capsbayes.physics.scattered import (
     state_of,
 )
 from capsbayes.run import Store
+from evidence.benchmarks.stored import POOL_FOLDER, arguments, complete
 
-POOLS = Path(__file__).parents[2] / "data" / "pools"
 CAPSULES, MEMBERS = 540, 40
 BATCHES = {"batches": 60, "inflated": 6}
 FLOW_RATES = np.array([1.0, 1.7, 3.0, 5.0])
@@ -84,7 +84,7 @@ SEED = 2024
 
 def pool_of(name: str) -> Path:
     """Return where a pool is stored."""
-    return POOLS / f"membrane-{name}.npz"
+    return POOL_FOLDER / f"membrane-{name}.npz"
 
 
 def stored(name: str) -> dict[str, Any]:
@@ -108,15 +108,20 @@ def stored(name: str) -> dict[str, Any]:
 
 def drawn_values(random: np.random.Generator) -> Floats:
     """Draw the parameters (6,) where states are sought."""
-    low, high = np.array(RANGES).T
-    logarithmic = np.isin(np.arange(len(low)), LOGARITHMIC)
     while True:
-        share = random.random(len(low))
-        values = np.where(
-            logarithmic, low * (high / np.where(logarithmic, low, 1.0)) ** share, low + (high - low) * share
-        )
+        values = between(RANGES, random.random(len(RANGES)))
         if covered(values[None])[0]:
             return values
+
+
+def between(ranges: Sequence[tuple[float, float]], shares: Floats) -> Floats:
+    """Return the values (6,) at shares of ranges, of some in the logarithm."""
+    return np.array(
+        [
+            low * (high / low) ** share if axis in LOGARITHMIC else low + (high - low) * share
+            for axis, ((low, high), share) in enumerate(zip(ranges, shares, strict=True))
+        ]
+    )
 
 
 class Starts:
@@ -150,14 +155,14 @@ def simulate_singles(
 ) -> None:
     """Simulate the single capsules that the store lacks."""
     starts = Starts(continuation)
-    for number in range(count):
-        if store.holds(part := f"{name}-{number:03d}"):
-            continue
+
+    def simulated(number: int) -> dict[str, Any]:
         values = drawn(number)
         state = starts.reached(continuation.places(values[None])[0], derivatives=False)
         seen = {} if state is None else continuation.seen(state)
-        store.save(part, {"values": values, "reached": state is not None, **seen})
-        print(f"{number + 1} of {count}", flush=True)
+        return {"values": values, "reached": state is not None, **seen}
+
+    complete(store, ((f"{name}-{number:03d}", partial(simulated, number)) for number in range(count)))
 
 
 class Batch(NamedTuple):
@@ -191,23 +196,14 @@ class Batch(NamedTuple):
             modulus = float(np.exp(self.modulus_spread * random.standard_normal()))
             radius = 1.0 + self.radius_spread * float(random.standard_normal())
             values = self.values.copy()
-            inflation = (
-                float(np.exp(self.inflation_spread * random.standard_normal())) if self.inflation_spread else 1.0
-            )
+            varied = self.inflation_spread * random.standard_normal() if self.inflation_spread else 0.0
+            inflation = float(np.exp(varied))
             values[:3] *= self.factors[flow] / modulus, radius, inflation
             if covered(values[None])[0]:
                 of_it = {"flow_factor": float(self.factors[flow]), "modulus_spread": self.modulus_spread}
                 of_it |= {"relative_modulus": modulus, "relative_radius": radius, "radius_spread": self.radius_spread}
                 of_it |= {"relative_inflation": inflation, "inflation_spread": self.inflation_spread}
                 yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
-
-
-def simulate_batches(store: Store, continuation: Continuation, kind: str, count: int) -> None:
-    """Simulate the first batches, without those that are stored."""
-    done = {int(part["batch"]) for part in known_batches(kind)[0]}
-    for number in sorted(set(range(count)) - done):
-        simulate_batch(store, continuation, Batch.drawn(number, inflated=kind == "inflated"))
-        print(f"batch {number + 1} of {count}", flush=True)
 
 
 def simulate_batch(store: Store, continuation: Continuation, batch: Batch) -> None:
@@ -220,22 +216,17 @@ def simulate_batch(store: Store, continuation: Continuation, batch: Batch) -> No
         name = f"batch-{batch.number:02d}-capsule-{member:02d}"
         part = store.load(name)
         if part is None:
-            part = simulated_member(starts, [firsts[member]], members[member])
+            part = simulated_member(starts, chain([firsts[member]], members[member]))
             store.save(name, part)
         if part["reached"]:
             starts.found.append(ScatteredState(**{field.name: part[field.name] for field in fields(ScatteredState)}))
 
 
-def simulated_member(
-    starts: Starts,
-    firsts: list[tuple[Floats, dict[str, float]]],
-    candidates: Iterator[tuple[Floats, dict[str, float]]],
-) -> dict[str, Any]:
+def simulated_member(starts: Starts, candidates: Iterator[tuple[Floats, dict[str, float]]]) -> dict[str, Any]:
     """Simulate the first candidate that has a steady shape."""
     lost: list[Floats] = []
     continuation = starts.continuation
-    while len(lost) < TRIED:
-        values, of_it = firsts.pop() if firsts else next(candidates)
+    for values, of_it in islice(candidates, TRIED):
         state = starts.reached(continuation.places(values[None])[0], derivatives=True)
         if state is not None:
             of_state = {field.name: getattr(state, field.name) for field in fields(state)}
@@ -249,14 +240,10 @@ def drawn_pair(number: int) -> Floats:
     """Draw the parameters (6,) of a pair; which two differ from those of the plain ones changes with the number."""
     random = np.random.default_rng([SEED, 3, number])
     pairs = tuple(combinations(range(2, len(FREE_PARAMETERS)), 2))
-    free = (0, 1, *pairs[number % len(pairs)])
+    free = [0, 1, *pairs[number % len(pairs)]]
     while True:
-        share = random.random(len(FREE_PARAMETERS))
         values = np.array(NULL_VALUES)
-        for axis in free:
-            low, high = OF_PAIRS[axis]
-            part = share[axis]
-            values[axis] = low * (high / low) ** part if axis in LOGARITHMIC else low + (high - low) * part
+        values[free] = between(OF_PAIRS, random.random(len(FREE_PARAMETERS)))[free]
         if covered((values * [NEAR_THE_END, 1.0, 1.0, 1.0, 1.0, 1.0])[None])[0]:
             return values
 
@@ -283,34 +270,19 @@ def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def finished(kind: str, store: Store) -> dict[str, dict[str, Any]]:
-    """Return what has ended of the capsules of a folder by name; of batches those that are whole."""
+def finished(kind: str, store: Store) -> list[dict[str, Any]]:
+    """Return what has ended of the capsules of a folder; of batches those that are whole."""
     parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
-    if kind in BATCHES:
-        whole = {name[:8] for name in parts if sum(other.startswith(name[:8]) for other in parts) == MEMBERS}
-        parts = {name: part for name, part in parts.items() if name[:8] in whole}
-    return parts
+    of_batch = Counter(name[:8] for name in parts)
+    return [part for name, part in parts.items() if kind not in BATCHES or of_batch[name[:8]] == MEMBERS]
 
 
-def known_batches(kind: str) -> tuple[list[dict[str, Any]], list[Floats]]:
-    """Return the capsules of the batches that are stored, and the parameters of those that were not reached."""
-    if kind not in BATCHES or not pool_of(kind).exists():
-        return [], []
-    arrays = stored(kind)
-    lost = list(arrays.pop("not_reached"))
-    columns = {key: values.reshape(len(values), -1) if values.ndim > 2 else values for key, values in arrays.items()}
-    rows = [{key: values[number] for key, values in columns.items()} for number in range(len(arrays["batch"]))]
-    return [{"reached": True, **row} for row in rows], lost
-
-
-def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -> None:
+def write(kind: str, parts: list[dict[str, Any]], settings: Mapping[str, object]) -> None:
     """Store the capsules that were reached, the parameters of those that were not, and the settings."""
-    before, lost = known_batches(kind)
-    parts = before + parts
     seen = [part for part in parts if part["reached"]]
     if not seen:
         return
-    lost += [part["values"] for part in parts if not part["reached"] and "values" in part]
+    lost = [part["values"] for part in parts if not part["reached"] and "values" in part]
     lost += [values for part in parts for values in part.get("lost", ())]
     columns: dict[str, Any] = {"not_reached": np.array(lost).reshape(-1, len(RANGES))}
     columns["settings"] = np.array(json.dumps(settings | {"version": __version__}))
@@ -327,29 +299,29 @@ def write(kind: str, parts: list[dict[str, Any]], settings: dict[str, object]) -
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("kind", choices=("capsules", *BATCHES, "others", "pairs"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
-    parser.add_argument("--first", type=int, help="number of batches, those stored before included")
-    options = parser.parse_args()
-    continuation = membrane_continuation("square", FINE if options.kind == "pairs" else 8)
-    if options.kind == "others":
-        numbered = list(enumerate(simulate_others(options.folder).values()))
+    given = parser.parse_args()
+    continuation = membrane_continuation("square", FINE if given.kind == "pairs" else 8)
+    if given.kind == "others":
+        numbered = list(enumerate(simulate_others(given.folder).values()))
         laws = {"law": [law.name for law in OTHER_LAWS.values()]}
         parts = [{**part, "law": float(number)} for number, of_law in numbered for part in of_law]
         write("others", parts, continuation.settings | laws)
         return
-    store = Store.open(options.folder, continuation.settings)
+    store = Store.open(given.folder, continuation.settings)
     try:
         with threadpool_limits(limits=1):
-            if options.kind == "pairs":
+            if given.kind == "pairs":
                 simulate_singles(store, continuation, "pair", PAIRS, drawn_pair)
-            elif options.kind == "capsules":
+            elif given.kind == "capsules":
                 simulate_singles(store, continuation, "capsule", CAPSULES, drawn_capsule)
             else:
-                simulate_batches(store, continuation, options.kind, options.first or BATCHES[options.kind])
+                for number in range(BATCHES[given.kind]):
+                    simulate_batch(store, continuation, Batch.drawn(number, inflated=given.kind == "inflated"))
     finally:
-        write(options.kind, list(finished(options.kind, store).values()), continuation.settings)
+        write(given.kind, finished(given.kind, store), continuation.settings)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,16 @@
-"""What a batch is expected to tell of its membrane, and what it tells: ``membrane_sensitivity.py FOLDER``.
+"""What a batch is expected to tell of its membrane, and what it tells.
 
-The batches are those of ``data/pools/membrane-batches.npz``, simulated one by one and measured as in
-``membrane_batches.py``, several times with other noise (``--noises``). Each is identified with the membrane unknown.
-The standard deviations that the answers state are compared with those that the flow design expects of a batch with
-the same membrane, population and flow rates, before anything is measured. The same design says what one capsule would
-tell at the best one to four flow rates.
-
-Each finished batch is kept in FOLDER, so that an interrupted run resumes. ``--write`` renews
-``evidence/results/membrane-sensitivity.json`` and the tables in ``evidence/results/membrane.md``, also that of the map,
-which is ``evidence/results/membrane-map.json``, a ``map.json`` of ``capsbayes sensitivity map --membrane unknown``.
+Run ``python -m evidence.benchmarks.membrane_sensitivity FOLDER``. The batches are those of ``membrane_batches``,
+measured several times with other noise (``--noises``). Each finished one is kept in FOLDER, so that an interrupted run
+resumes. ``--write`` renews ``evidence/results/membrane-sensitivity.json`` and the tables in
+``evidence/results/membrane.md``, also that of the map, which is ``evidence/results/membrane-map.json``, a ``map.json``
+of ``capsbayes sensitivity map --membrane unknown``.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Callable
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,21 +20,12 @@ from capsbayes import LabErrors, Membrane, Quantity, membrane_flow_design
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS
 from capsbayes.plan.widths import LOGARITHMIC
-from capsbayes.run import Store
 from evidence.benchmarks import membrane_batches, membrane_coverage, membrane_pools
 from evidence.benchmarks.membrane_batches import PUMP, Session
 from evidence.benchmarks.membrane_coverage import HALF_WIDTH, LENGTH_ERROR, NOISE, VELOCITY, VISCOSITY
-from evidence.markdown import renew
+from evidence.benchmarks.stored import Stored, complete, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = (
-    ROOT / "evidence" / "results" / "membrane-sensitivity.json",
-    ROOT / "evidence" / "results" / "membrane.md",
-)
-MARKS = "<!-- expected and found -->\n", "<!-- end of expected and found -->\n"
-SAME = ROOT / "evidence" / "results" / "membrane-same-capsule.json"
-SAME_MARKS = "<!-- same capsule -->\n", "<!-- end of same capsule -->\n"
-MAP, MAP_MARKS = ROOT / "evidence" / "results" / "membrane-map.json", ("<!-- map -->\n", "<!-- end of map -->\n")
 QUANTITIES = {
     "surface_shear_modulus": "ln mean G_s",
     "pre_inflation": "alpha",
@@ -63,13 +49,13 @@ def found(pool: dict[str, Floats], number: int, kind: str, noise: int) -> dict[s
 def expected(pool: dict[str, Floats], number: int, kind: str) -> dict[str, Any]:
     """Return the standard deviations that are expected of a batch of which membrane and population are known."""
     rows = np.flatnonzero(pool["batch"] == number)
-    one = {key: pool[key][rows[0]] for key in membrane_pools.OF_SOME if key in pool}
+    first = {key: pool[key][rows[0]] for key in membrane_pools.OF_SOME if key in pool}
     values, speeds = pool["values"][rows[0]], VELOCITY[0] * pool["flow_factor"][rows]
-    modulus = float(VISCOSITY[0] * speeds[0] / values[0] / one["relative_modulus"])
-    radius = float(HALF_WIDTH[0] * values[1] / one["relative_radius"])
+    modulus = float(VISCOSITY[0] * speeds[0] / values[0] / first["relative_modulus"])
+    radius = float(HALF_WIDTH[0] * values[1] / first["relative_radius"])
     design = membrane_flow_design(
-        Quantity(modulus, modulus * float(one["modulus_spread"]), "N/m"),
-        Quantity(radius, radius * float(one["radius_spread"]), "m"),
+        Quantity(modulus, modulus * float(first["modulus_spread"]), "N/m"),
+        Quantity(radius, radius * float(first["radius_spread"]), "m"),
         membrane_coverage.experiment(),
         _errors(kind),
         seed=1,
@@ -108,20 +94,13 @@ def of_same_capsule(kind: str) -> dict[str, Any]:
 def run(folder: Path, noises: int) -> None:
     """Compute what the folder lacks."""
     pool, store = membrane_pools.stored("batches"), membrane_batches.store_of(folder)
-    for kind in membrane_coverage.KINDS:
-        _kept(store, f"same-capsule-{kind}", lambda k=kind: of_same_capsule(k))
+    complete(store, ((f"same-capsule-{kind}", partial(of_same_capsule, kind)) for kind in membrane_coverage.KINDS))
     for noise in range(noises):
         for number in np.unique(pool["batch"]).astype(int).tolist():
             for kind in membrane_coverage.KINDS:
-                _kept(store, f"expected-{kind}-{number:02d}", lambda n=number, k=kind: expected(pool, n, k))
-                name = f"found-{kind}-{number:02d}-{noise}"
-                _kept(store, name, lambda n=number, k=kind, other=noise: found(pool, n, k, other))
-
-
-def _kept(store: Store, name: str, compute: Callable[[], dict[str, Any]]) -> None:
-    if not store.holds(name):
-        store.save(name, compute())
-        print(name, flush=True)
+                tasks = {f"expected-{kind}-{number:02d}": partial(expected, pool, number, kind)}
+                tasks[f"found-{kind}-{number:02d}-{noise}"] = partial(found, pool, number, kind, noise)
+                complete(store, tasks.items())
 
 
 def compared(folder: Path) -> dict[str, dict[str, Any]]:
@@ -152,69 +131,55 @@ def compared(folder: Path) -> dict[str, dict[str, Any]]:
     return kinds
 
 
-def table(kinds: dict[str, dict[str, Any]]) -> str:
-    """Return what is expected and found as a Markdown table."""
-    head = [
-        "measured",
-        "answers",
-        "not to be used",
-        "standard deviation of",
-        "expected",
-        "found",
-        "found over expected",
-    ]
-    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
+def _expected_rows(kinds: dict[str, dict[str, Any]]) -> Iterator[list[str]]:
+    """Yield what is expected and found."""
     for kind, row in kinds.items():
-        for number, (key, name) in enumerate(QUANTITIES.items()):
+        first = [kind, str(row["answers"]), str(row["not to be used"])]
+        for key, name in QUANTITIES.items():
             wanted, answered, whole, low, high = row[key]
-            first = [kind, str(row["answers"]), str(row["not to be used"])] if not number else ["", "", ""]
-            ratio = f"{whole:.2f} ({low:.2f} to {high:.2f})"
-            lines.append(f"| {' | '.join([*first, name, f'{wanted:.2g}', f'{answered:.2g}', ratio])} |\n")
-    return "".join(lines)
+            yield [*first, name, f"{wanted:.2g}", f"{answered:.2g}", f"{whole:.2f} ({low:.2f} to {high:.2f})"]
+            first = ["", "", ""]
 
 
-def same_capsule_table(stored: dict[str, Any]) -> str:
-    """Return what one capsule tells at its best flow rates as a Markdown table."""
-    head = ["measured", "flow rates", "ln G_s", "were the membrane known", *list(QUANTITIES.values())[1:]]
-    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
-    for kind, sets in stored.items():
+def _same_capsule_rows(kinds: dict[str, Any]) -> Iterator[list[str]]:
+    """Yield what one capsule tells at its best flow rates."""
+    for kind, sets in kinds.items():
         for number, sds in sets.items():
             shown = [sds["surface_shear_modulus"], sds["known"], *(sds[key] for key in list(QUANTITIES)[1:])]
-            lines.append(f"| {' | '.join([kind, number, *(f'{value:.2g}' for value in shown)])} |\n")
-    return "".join(lines)
+            yield [kind, number, *(f"{value:.2g}" for value in shown)]
 
 
-def map_table(stored: dict[str, Any]) -> str:
-    """Return quantiles over the map of one capsule as a Markdown table."""
-    levels = "least", "lower", "median", "upper", "most"
-    head = ["measured", "membrane", "least", "quarter", "median", "three quarters", "most"]
-    lines = [f"| {' | '.join(head)} |\n", "|---" * len(head) + "|\n"]
-    for name, values in stored["quantiles"].items():
+def _map_rows(quantiles: dict[str, Any]) -> Iterator[list[str]]:
+    """Yield quantiles over the map of one capsule."""
+    for name, values in quantiles.items():
         known, kind = name.split("_")
-        lines.append(f"| {' | '.join([kind, known, *(f'{values[level]:.2g}' for level in levels)])} |\n")
-    return "".join(lines)
+        yield [kind, known, *(f"{values[level]:.2g}" for level in ("least", "lower", "median", "upper", "most"))]
+
+
+EXPECTED = ("measured", "answers", "not to be used", "standard deviation of")
+EXPECTED += ("expected", "found", "found over expected")
+OF_SAME = ("measured", "flow rates", "ln G_s", "were the membrane known", *list(QUANTITIES.values())[1:])
+OF_MAP = ("measured", "membrane", "least", "quarter", "median", "three quarters", "most")
+PAGE = "evidence/results/membrane.md"
+STORED = Stored(
+    "membrane-sensitivity.json", PAGE, lambda kinds: {"expected and found": table(EXPECTED, _expected_rows(kinds))}
+)
+SAME = Stored(
+    "membrane-same-capsule.json", PAGE, lambda kinds: {"same capsule": table(OF_SAME, _same_capsule_rows(kinds))}
+)
+MAP = Stored("membrane-map.json", PAGE, lambda stored: {"map": table(OF_MAP, _map_rows(stored["quantiles"]))})
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("folder", type=Path, help="where finished batches are kept")
     parser.add_argument("--noises", type=int, default=3)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
-    run(options.folder, options.noises)
-    kinds = compared(options.folder)
-    print(table(kinds))
-    if options.write:
-        store = membrane_batches.store_of(options.folder)
-        same = {kind: store.load(f"same-capsule-{kind}") for kind in membrane_coverage.KINDS}
-        STORED.write_text(json.dumps(kinds, indent=1) + "\n")
-        SAME.write_text(json.dumps(same, indent=1) + "\n")
-        for marks, shown in (
-            (MARKS, table(kinds)),
-            (SAME_MARKS, same_capsule_table(same)),
-            (MAP_MARKS, map_table(json.loads(MAP.read_text()))),
-        ):
-            renew(PAGE, *marks, shown)
+    given = parser.parse_args()
+    run(given.folder, given.noises)
+    STORED.show(compared(given.folder), write=given.write)
+    store = membrane_batches.store_of(given.folder)
+    SAME.show({kind: store.load(f"same-capsule-{kind}") for kind in membrane_coverage.KINDS}, write=given.write)
+    MAP.show(MAP.read(), write=given.write)
 
 
 if __name__ == "__main__":

@@ -1,29 +1,29 @@
 """Do the tests notice a mistake? Change one operator, number or sign of a module at a time and run its tests.
 
 Run ``python -m evidence.benchmarks.mutation [--only laws] [--most 40] [--seed 1] [--out FILE]``. The mutants of a
-module are a random sample of its places, or all of them if there are no more than asked for. The first failing test
-kills a mutant, and so does work without end. What is done is kept in the file given by ``--out``, and a second run
-continues: killed mutants stay dead as long as their module is unchanged, the others are tried again. The share that is
-killed is that of the mutants that change a result: `EQUIVALENT` lists those that do not, with the reason.
+module are a random sample of its places, or all of them if there are no more than asked for; a place is named by its
+line of text, so that the sample outlives changes elsewhere. The first failing test kills a mutant, and so does work
+without end. What is done is kept in the file given by ``--out``, and a second run continues: killed mutants stay dead
+as long as their module is unchanged, the others are tried again. The share that is killed is that of the mutants that
+change a result: `EQUIVALENT` lists those that do not, with the reason. ``--write`` renews the table in
+``evidence/results/mutants.md``.
 
 Nothing is changed in texts, type hints, defaults of arguments and errors that are raised. A mutant is tested in a copy
-of the tree by a process that is forked where the other libraries are imported already. Rooms with compiled functions
-are interpreted: numba keeps compiled functions by the time of change of their own file alone, with what they call from
-other files. Properties are tried with fewer examples than in the tests. All this is stricter than the tests are, so
-that the share that dies is a lower bound, but for divisions by zero, which only stop a program that is interpreted.
+of the tree by a process that is forked where the other libraries are imported already. Rooms whose compiled functions
+are called by those of other files are interpreted: numba keeps compiled functions by the time of change of their own
+file alone, with what they call from other files. Properties are tried with fewer examples than in the tests. All this
+is stricter than the tests are, so that the share that dies is a lower bound, but for divisions by zero, which only stop
+a program that is interpreted.
 """
 
 from __future__ import annotations
 
-import argparse
 import ast
 import hashlib
 import importlib
 import json
 import os
 import pkgutil
-import random
-import re
 import resource
 import shutil
 import sys
@@ -31,18 +31,20 @@ import tempfile
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple
 
-ROOT = Path(__file__).parents[2]
-DATA = ROOT / "evidence" / "results" / "mutation.json"
+from scipy.stats import binomtest
+
+from evidence.benchmarks.stored import ROOT, Stored, read, with_write
+from evidence.markdown import table
+
 PACKAGE = "capsbayes"
-CPU_SECONDS = 15  # of a mutant, in addition to three times what the tests need without one
+CPU_SECONDS = 60  # of a mutant, to compile it, in addition to three times what the tests need without one
 MEMORY = 8 << 30
 
 
-@dataclass(frozen=True)
-class Room:
+class Room(NamedTuple):
     """Modules under test, and the tests that must notice their mutants, the quickest first."""
 
     modules: tuple[str, ...]
@@ -61,15 +63,10 @@ ROOMS = {
     "kernel": Room(
         ("infer/likelihood.py", "infer/log_grid.py"),
         ("tests/infer/test_likelihood.py", "tests/infer/test_log_grid.py", "tests/infer/test_density.py"),
+        interpreted=True,
     ),
     "likelihood": Room(("infer/outline.py",), ("tests/infer/outline",)),
-    "scoring": Room(
-        ("diagnosis/scores.py",),
-        (
-            "tests/diagnosis/test_scoring.py",
-            "tests/diagnosis/test_evidence.py::test_evidence_of_a_gaussian_likelihood_with_a_gaussian_prior",
-        ),
-    ),
+    "scoring": Room(("diagnosis/scores.py",), ("tests/diagnosis/test_scoring.py", "tests/diagnosis/test_evidence.py")),
     "edges": Room(
         ("image/edges.py", "image/edge_models.py"),
         (
@@ -84,28 +81,25 @@ ROOMS = {
 ENDS = ("killed", "equivalent", "alive")
 _NO_LENGTH = "without L_a nothing reads its covariance"
 EQUIVALENT = {
-    ("infer/likelihood.py", "float(c[0, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
-    ("infer/likelihood.py", "float(c[1, 1]) if both else 0.0,", "0.0 -> 1.0"): _NO_LENGTH,
-    ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0", "0.0 -> 1.0"): _NO_LENGTH,
+    ("infer/likelihood.py", "float(c[0, 1]) if both else 0.0,: 0.0 -> 1.0"): _NO_LENGTH,
+    ("infer/likelihood.py", "float(c[1, 1]) if both else 0.0,: 0.0 -> 1.0"): _NO_LENGTH,
+    ("infer/likelihood.py", "share, other = (error / centre) ** 2, a or 0.0: 0.0 -> 1.0"): _NO_LENGTH,
     (
         "image/edge_models.py",
-        "jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2))",
-        "2 -> 3",
+        "jacobian, step, normal = np.empty((m, 2)), np.empty(2), np.empty((2, 2)): 2 -> 3",
     ): "a work array of which nothing reads what was added",
     (
         "image/edges.py",
-        "samples = np.arange(-reach, reach + 1.0)  # positive inwards",
-        "1.0 -> 1.5",
+        "samples = np.arange(-reach, reach + 1.0)  # positive inwards: 1.0 -> 1.5",
     ): "no window holds the sample that is added",
     (
         "image/edges.py",
-        "normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)",
-        "2 -> 3",
+        "normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3): 2 -> 3",
     ): "a right-hand side of which nothing reads the solution",
 }
-"""Mutants that change no result, with the reason: module, line and change. A mutant that is killed is none of them."""
+"""Mutants that change no result, with the reason, by module and name. A mutant that is killed is none of them."""
 
-BINARY = {
+OPERATOR = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
     ast.Mult: ast.Div,
@@ -114,6 +108,8 @@ BINARY = {
     ast.MatMult: ast.Mult,
     ast.BitAnd: ast.BitOr,
     ast.BitOr: ast.BitAnd,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
 }
 COMPARISON = {
     ast.Lt: ast.GtE,
@@ -138,32 +134,23 @@ class Mutator(ast.NodeTransformer):
         self.changes.append((getattr(node, "lineno", 0), what))
         return len(self.changes) - 1 == self.chosen
 
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+    def visit_BinOp(self, node: ast.BinOp | ast.BoolOp | ast.AugAssign, sign: str = "") -> ast.AST:
         self.generic_visit(node)
-        other = BINARY.get(type(node.op))
-        if other and self._here(node, f"{type(node.op).__name__} -> {other.__name__}"):
+        other = OPERATOR.get(type(node.op))
+        if other and self._here(node, f"{type(node.op).__name__}{sign} -> {other.__name__}{sign}"):
             node.op = other()
         return node
 
+    visit_BoolOp = visit_BinOp
+
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        self.generic_visit(node)
-        other = BINARY.get(type(node.op))
-        if other and self._here(node, f"{type(node.op).__name__}= -> {other.__name__}="):
-            node.op = other()
-        return node
+        return self.visit_BinOp(node, "=")
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
         self.generic_visit(node)
         other = COMPARISON.get(type(node.ops[0]))
         if other and self._here(node, f"{type(node.ops[0]).__name__} -> {other.__name__}"):
             node.ops[0] = other()
-        return node
-
-    def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        self.generic_visit(node)
-        other = ast.Or if isinstance(node.op, ast.And) else ast.And
-        if self._here(node, f"{type(node.op).__name__} -> {other.__name__}"):
-            node.op = other()
         return node
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
@@ -191,30 +178,27 @@ class Mutator(ast.NodeTransformer):
         return node
 
 
-@dataclass
 class Source:
-    """A module, and what can be changed in it."""
+    """A module, and the places where it can be changed, by the names of the mutants: line of text and change."""
 
-    text: str
-
-    def __post_init__(self) -> None:
+    def __init__(self, text: str) -> None:
         mutator = Mutator()
-        mutator.visit(ast.parse(self.text))
-        lines = self.text.splitlines()
-        self.changes = [(lines[number - 1].strip(), what) for number, what in mutator.changes]
-        self.named = [f"{n}, line {number}: {what}" for n, (number, what) in enumerate(mutator.changes)]
-        self.places = len(self.changes)
+        mutator.visit(ast.parse(text))
+        self.text, lines, names = text, text.splitlines(), Counter[str]()
+        self.places: dict[str, int] = {}
+        for place, (number, change) in enumerate(mutator.changes):
+            name = f"{lines[number - 1].strip()}: {change}"
+            names[name] += 1
+            self.places[name if names[name] == 1 else f"{name} ({names[name]})"] = place
 
-    def mutant(self, place: int) -> tuple[str, str]:
-        """Return the description of a mutant and its text."""
-        changed = Mutator(place).visit(ast.parse(self.text))
-        return self.named[place], ast.unparse(ast.fix_missing_locations(changed))
+    def mutant(self, name: str) -> str:
+        """Return the text of a mutant."""
+        changed = Mutator(self.places[name]).visit(ast.parse(self.text))
+        return ast.unparse(ast.fix_missing_locations(changed))
 
-    def drawn(self, most: int, seed: int) -> list[int]:
-        """Return the places to change, in random order; more of them begin with the same ones."""
-        places = list(range(self.places))
-        random.Random(f"{seed} {self.text}").shuffle(places)
-        return places[:most]
+    def drawn(self, most: int, seed: int) -> list[str]:
+        """Return mutants in random order; those of a place do not depend on what else the module holds."""
+        return sorted(self.places, key=lambda name: hashlib.sha256(f"{seed} {name}".encode()).digest())[:most]
 
 
 class Order:
@@ -231,15 +215,11 @@ class Order:
             self.failed = report.nodeid
 
 
-@dataclass
 class Bench:
     """Copy of a tree in which mutants are tested."""
 
-    tree: Path
-    package: str = PACKAGE
-    kills: Counter[str] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
+    def __init__(self, tree: Path, package: str = PACKAGE) -> None:
+        self.tree, self.package, self.kills = tree, package, Counter[str]()
         self.src, self.now = self.tree / "src", 2_000_000_000
         self.log = self.tree.parent / "log"
         os.environ |= {
@@ -271,18 +251,18 @@ class Bench:
 
     def passes(self, tests: tuple[str, ...], seconds: float = 3600.0) -> tuple[bool, float]:
         """Return whether the tests pass, and their processor time [s]."""
-        before, told = resource.getrusage(resource.RUSAGE_CHILDREN), self.tree / "killer"
-        told.unlink(missing_ok=True)
+        before, killer = resource.getrusage(resource.RUSAGE_CHILDREN), self.tree / "killer"
+        killer.unlink(missing_ok=True)
         child = os.fork()
         if not child:
-            self._test(tests, seconds, told)
+            self._test(tests, seconds, killer)
         status = os.waitpid(child, 0)[1]
-        if told.exists():
-            self.kills[told.read_text()] += 1
+        if killer.exists():
+            self.kills[killer.read_text()] += 1
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return status == 0, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
-    def _test(self, tests: tuple[str, ...], seconds: float, told: Path) -> None:
+    def _test(self, tests: tuple[str, ...], seconds: float, killer: Path) -> None:
         try:
             import pytest
 
@@ -297,7 +277,7 @@ class Bench:
             options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # hypothesis is imported already
             status = int(pytest.main([*options, *tests], plugins=[order]))
             if order.failed:
-                told.write_text(order.failed)
+                killer.write_text(order.failed)
         except BaseException:
             traceback.print_exc()
             status = 1
@@ -317,15 +297,11 @@ class Bench:
             os.utime(path, ns=(when, when))
 
 
-_COMPILED = re.compile(r"^@(njit|compiled)", re.MULTILINE)
-
-
 def examine(bench: Bench, room: Room, done: dict, most: int, seed: int, keep: Callable[[], None]) -> None:
     """Test the mutants of a room that are not killed yet; `done` has an entry for each module, kept after each one."""
     import numba
 
     sources = {module: bench.normalised(module) for module in room.modules}
-    assert room.interpreted or not any(_COMPILED.search(source.text) for source in sources.values())
     numba.config.DISABLE_JIT = room.interpreted
     passed, seconds = bench.passes(room.tests)
     if not passed:
@@ -334,70 +310,70 @@ def examine(bench: Bench, room: Room, done: dict, most: int, seed: int, keep: Ca
     for module, source in sources.items():
         digest = hashlib.sha256(source.text.encode()).hexdigest()[:16]
         if done.get(module, {}).get("sha256") != digest:
-            done[module] = {"sha256": digest, "places": source.places} | {end: [] for end in ENDS}
+            done[module] = {"sha256": digest, "places": len(source.places)} | {end: [] for end in ENDS}
         outcome = done[module]
-        again = [int(what.partition(",")[0]) for what in outcome["equivalent"] + outcome["alive"]]
-        for place in [*(place for place in source.drawn(most, seed) if place not in again), *again]:
-            what, text = source.mutant(place)
-            if what in outcome["killed"]:
+        again = [*outcome["equivalent"], *outcome["alive"]]
+        for name in [*(name for name in source.drawn(most, seed) if name not in again), *again]:
+            if name in outcome["killed"]:
                 continue
             end = "killed"
-            if bench.survives(module, text, room.tests, CPU_SECONDS + 3.0 * seconds):
-                end = "equivalent" if (module, *source.changes[place]) in EQUIVALENT else "alive"
+            if bench.survives(module, source.mutant(name), room.tests, CPU_SECONDS + 3.0 * seconds):
+                end = "equivalent" if (module, name) in EQUIVALENT else "alive"
             for other in ENDS:
-                outcome[other] = [mutant for mutant in outcome[other] if mutant != what] + [what] * (other == end)
+                outcome[other] = [mutant for mutant in outcome[other] if mutant != name] + [name] * (other == end)
             keep()
-            print(f"{end:10}", module, what, flush=True)
+            print(f"{end:10}", module, name, flush=True)
 
 
-def table(done: dict) -> str:
-    """Return the counts by room and module as a table in Markdown."""
-    lines = [
-        "| module | places | mutants | killed | equivalent | alive | share killed |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | --- |",
-    ]
-    rooms: list[list[int]] = []
+def tables(done: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the table of the counts by room and module."""
+    rows, of_rooms = [], []
     for room, modules in done.items():
         counts = [[entry["places"], *(len(entry[end]) for end in ENDS)] for entry in modules.values()]
-        lines += [_row(f"`{module}`", count) for module, count in zip(modules, counts, strict=True)]
-        rooms.append([sum(column) for column in zip(*counts, strict=True)])
-        lines.append(_row(f"**{room}**", rooms[-1]))
-    return "\n".join([*lines, _row("**all**", [sum(column) for column in zip(*rooms, strict=True)])])
+        rows += [_row(f"`{module}`", count) for module, count in zip(modules, counts, strict=True)]
+        of_rooms.append([sum(column) for column in zip(*counts, strict=True)])
+        rows.append(_row(f"**{room}**", of_rooms[-1]))
+    rows.append(_row("**all**", [sum(column) for column in zip(*of_rooms, strict=True)]))
+    head = ("module", "places", "mutants", "killed", "equivalent", "alive", "share killed")
+    return {"mutants": table(head, rows)}
 
 
-def _row(name: str, counts: list[int]) -> str:
-    from scipy.stats import binomtest
-
+def _row(name: str, counts: list[int]) -> tuple[str, ...]:
     places, killed, equivalent, alive = counts
     share = f"{100 * killed / (killed + alive):.0f} %"
     if sum(counts[1:]) < places:
         low, high = binomtest(killed, killed + alive).proportion_ci()
         share += f" ({100 * low:.0f} to {100 * high:.0f} %)"
-    return f"| {name} | {places} | {sum(counts[1:])} | {killed} | {equivalent} | {alive} | {share} |"
+    return name, *map(str, (places, sum(counts[1:]), killed, equivalent, alive)), share
+
+
+STORED = Stored("mutation.json", "evidence/results/mutants.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("--only", choices=ROOMS, nargs="*", default=list(ROOMS))
     parser.add_argument("--most", type=int, default=40, help="mutants of each module")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
-    parser.add_argument("--out", type=Path, default=DATA, help="file of what is done")
+    parser.add_argument("--out", type=Path, default=STORED.file, help="file of what is done")
     parser.add_argument("--folder", type=Path, help="for the copy of the tree and its compiled functions, to be kept")
-    asked = parser.parse_args()
-    done: dict = json.loads(asked.out.read_text()) if asked.out.exists() else {}
+    given = parser.parse_args()
+    done: dict[str, Any] = read(given.out)
+    done = {name: {module: of[module] for module in ROOMS[name].modules if module in of} for name, of in done.items()}
+    done = {name: modules for name, modules in done.items() if modules}  # of earlier files nothing is kept
     with tempfile.TemporaryDirectory() as temporary:
-        tree = (asked.folder or Path(temporary)).resolve() / "tree"
+        tree = (given.folder or Path(temporary)).resolve() / "tree"
         shutil.rmtree(tree, ignore_errors=True)
         leave = shutil.ignore_patterns(".git", ".venv", "site", "*_cache", "__pycache__")
         shutil.copytree(ROOT, tree, ignore=leave, symlinks=True)
         bench = Bench(tree)
-        for name in asked.only:
+        for name in given.only:
             modules = done.setdefault(name, {})
-            examine(bench, ROOMS[name], modules, asked.most, asked.seed, lambda: _write(asked.out, done))
-    print(table(done))
+            examine(bench, ROOMS[name], modules, given.most, given.seed, lambda: _write(given.out, done))
+    STORED.show(done, write=given.write)
 
 
-def _write(out: Path, done: dict) -> None:
+def _write(out: Path, done: dict[str, Any]) -> None:
     in_order = {name: done[name] for name in ROOMS if name in done}
     out.with_suffix(".new").write_text(json.dumps(in_order, indent=1) + "\n")
     out.with_suffix(".new").replace(out)

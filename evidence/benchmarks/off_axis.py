@@ -1,26 +1,22 @@
 """Capsules off the axis and what their silhouettes tell: ``python -m evidence.benchmarks.off_axis``.
 
-A steady capsule is shifted off the axis and followed in time, on a mesh with one mirror plane: it migrates back, and is
-askew on the way. Its silhouettes are seen across the way that it migrates, and along it. To them is added what the
-surrogate's shape is next to the steady one of this mesh, so that what is left of Ca and a/l is due to the offset; the
-errors drawn are 0.003 l. Each is identified with the odd part of the outline as a nuisance and without.
+A steady capsule is shifted off the axis and followed in time, on a mesh with one mirror plane. To its silhouettes is
+added what the surrogate's shape is next to the steady one of this mesh, so that what is left of Ca and a/l is due to
+the offset.
 
-``evidence/results/off_axis.json`` keeps each capsule when it is done; ``--shapes FOLDER`` keeps the simulated shapes
-too. ``--write`` renews the table in ``evidence/results/pictures.md``.
+``evidence/results/off_axis.json`` keeps each capsule when it is done. ``--write`` renews the table in
+``evidence/results/pictures.md``.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 from typing import ClassVar
 from unittest.mock import patch
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from capsbayes import Experiment, Measurement, Surrogate, identify
 from capsbayes.infer import outline as of_outline
@@ -34,10 +30,9 @@ from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.physics.surface import D4, Symmetry, p2, subdivision
 from capsbayes.physics.transient import transient
 from capsbayes.profile import equally_spaced, vertex_normals
+from evidence.benchmarks.stored import Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "off_axis.json", ROOT / "evidence" / "results" / "pictures.md"
-BEGIN, END = "<!-- off the axis -->\n", "<!-- end of off the axis -->\n"
 CAPSULES = (  # cross-section, Ca, a/l, and the shift off the axis at the beginning over l
     ("circular", 0.08, 0.77, 0.05),
     ("square", 0.05, 0.85, 0.04),
@@ -66,9 +61,8 @@ def unfolded(points, weights):
     return np.concatenate([points @ half.T for half in halves]), np.tile(weights, len(halves))
 
 
-@dataclass(frozen=True)
-class HalfTube(FourfoldTube):
-    """Circular tube in which a capsule may be off the axis along y."""
+class Half:
+    """Cross-section in which a capsule may be off the axis along y."""
 
     symmetry: ClassVar[Symmetry] = CS
 
@@ -80,32 +74,29 @@ class HalfTube(FourfoldTube):
 
 
 @dataclass(frozen=True)
-class HalfSquare(SquareChannel):
-    """Square channel in which a capsule may be off the axis along y."""
-
-    symmetry: ClassVar[Symmetry] = CS
-
-    def outline(self, spacing, outwards):
-        return unfolded(*super().outline(spacing, outwards))
-
-    def filling(self, spacing, outwards):
-        return unfolded(*super().filling(spacing, outwards))
+class HalfTube(Half, FourfoldTube):
+    """Circular tube."""
 
 
-def followed(cross_section, ca, size, offset, refinement=REFINEMENT, times=TIMES):
-    """Return nodes of the sphere (N, 3), elements, and nodes [l] of the steady shape and at each time (1 + t, N, 3)."""
-    state = Simulator(refinement=refinement, cross_section=cross_section, bending=BENDING).run(
+@dataclass(frozen=True)
+class HalfSquare(Half, SquareChannel):
+    """Square channel."""
+
+
+def followed(cross_section, ca, size, offset):
+    """Return the elements, and the nodes [l] of the steady shape and at each time (1 + t, N, 3)."""
+    state = Simulator(refinement=REFINEMENT, cross_section=cross_section, bending=BENDING).run(
         capillary_number=ca, size_ratio=size
     )
     half = HalfTube() if cross_section == "circular" else HalfSquare()
-    problem = Problem(NeoHookean(), half, refinement, BENDING, walls=WALLS)
+    problem = Problem(NeoHookean(), half, REFINEMENT, BENDING, walls=WALLS)
     mesh = problem.mesh
     start = Iterate(mesh.reduced(state.surface_nodes[mesh.wedge]), float(state.velocity_ratio), 0.0, ca, size)
     shift = mesh.reduced(np.tile([0.0, offset, 0.0], (len(mesh.wedge), 1)))
     shapes = [mesh.expanded(start.free)]
-    for instant in transient(problem, replace(start, free=start.free + shift), times, tolerance=3e-3):
+    for instant in transient(problem, replace(start, free=start.free + shift), TIMES, tolerance=3e-3):
         shapes.append(mesh.expanded(instant.iterate.free))
-    return mesh.nodes, mesh.elements, np.array(shapes)
+    return mesh.elements, np.array(shapes)
 
 
 def radii(elements, nodes, view):
@@ -137,17 +128,10 @@ def reach(starts, ends, farthest):
         np.maximum.at(farthest, ray[meets] % RAYS, np.sum(point * along[meets], axis=1))
 
 
-def rows(number, shapes=None):
+def rows(number):
     """Return what the silhouettes of a capsule tell, one row for each view and time."""
     cross_section, ca, size, offset = CAPSULES[number]
-    kept = shapes and shapes / f"follow-{REFINEMENT}-{cross_section}-{ca}-{size}.npz"
-    if kept and kept.is_file():
-        simulated = np.load(kept)
-        elements, nodes = simulated["elements"], simulated["nodes"]
-    else:
-        sphere, elements, nodes = followed(cross_section, ca, size, offset)
-        if kept:
-            np.savez(kept, sphere=sphere, elements=elements, nodes=nodes)
+    elements, nodes = followed(cross_section, ca, size, offset)
     model = Surrogate.open(f"{cross_section}-neo-hookean", view=SILHOUETTE)
     truth = {"capillary_number": ca, "size_ratio": size}
     return [
@@ -199,42 +183,30 @@ def usable(answered):
     return answered["status"] not in ("OUTLINE_MISFIT", "LOPSIDED")
 
 
-def table(done):
-    """Return the table of a dictionary of rows as Markdown."""
-    lines = [f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}"]
+def tables(done):
+    """Return the table of a dictionary of rows."""
     every = list(itertools.chain.from_iterable(done.values()))
-    for view in VIEWS:
-        for time in SHOWN:
-            some = [each for each in every if (each["view"], each["time"]) == (view, time)]
-            odd = 1e3 * np.median([each["askew"] for each in some])
-            off = [100.0 * abs(each["with"]["ca"] - 1.0) for each in some]
-            counts = [
-                str(sum(count(each[which]) for each in some))
-                for which in ("without", "with")
-                for count in (lambda answered: answered["held"], usable)
-            ]
-            lines.append(
-                f"| {view} | {time} | {len(some)} | {odd:.0f} | {' | '.join(counts)} "
-                f"| {np.median(off):.1f} (at most {max(off):.0f}) |"
-            )
-    return "\n".join(lines) + "\n"
+    lines = []
+    for view, time in itertools.product(VIEWS, SHOWN):
+        mine = [each for each in every if (each["view"], each["time"]) == (view, time)]
+        odd = 1e3 * np.median([each["askew"] for each in mine])
+        off = [100.0 * abs(each["with"]["ca"] - 1.0) for each in mine]
+        counts = [
+            str(sum(count(each[which]) for each in mine))
+            for which in ("without", "with")
+            for count in (lambda answered: answered["held"], usable)
+        ]
+        ca_off = f"{np.median(off):.1f} (at most {max(off):.0f})"
+        lines.append((view, str(time), str(len(mine)), f"{odd:.0f}", *counts, ca_off))
+    return {"off the axis": table(HEAD, lines)}
+
+
+STORED = Stored("off_axis.json", "evidence/results/pictures.md", tables)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--shapes", type=Path, help="folder that keeps the simulated shapes")
-    parser.add_argument("--write", action="store_true", help="renew the table of the page")
-    asked = parser.parse_args()
-    done = json.loads(STORED.read_text()) if STORED.is_file() else {}
-    with threadpool_limits(limits=1):
-        for number in range(len(CAPSULES)):
-            if str(number) not in done:
-                done[str(number)] = rows(number, asked.shapes)
-                STORED.write_text(json.dumps(done, indent=1) + "\n")
-    print(table(done))
-    if asked.write:
-        before, rest = PAGE.read_text().split(BEGIN)
-        PAGE.write_text(before + BEGIN + table(done) + END + rest.split(END)[1])
+    given = with_write(__doc__).parse_args()
+    STORED.show(STORED.completed((str(n), partial(rows, n)) for n in range(len(CAPSULES))), write=given.write)
 
 
 if __name__ == "__main__":

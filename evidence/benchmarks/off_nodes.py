@@ -1,19 +1,13 @@
 """Compare every shipped surrogate with simulations at the nodes of its database, and off them.
 
-Run ``python -m evidence.benchmarks.off_nodes``; ``--write`` renews the table in ``evidence/results/off-nodes.md``. z is
-a difference from a simulation over the error that the surrogate states. The simulations off the nodes are those of
-``data/pools`` and ``data/fresh.npz``, at refinement 12; `fresh.py` makes the latter. At its nodes an effect database is
-compared alone, without the finer database that is its base, whose mesh gives other shapes; for shapes off the nodes it
-has its base. The error of the mesh of a plain database, or of a base, is not part of the error here: the simulations
-have that mesh. A stated error counts as flagged where the surrogate has the caveat of two shapes or of unsure shapes.
+Run ``python -m evidence.benchmarks.off_nodes [NAME ...]``; ``--write`` renews the table in
+``evidence/results/off-nodes.md``, where it is described. A stated error counts as flagged where the surrogate has the
+caveat of two shapes or of unsure shapes.
 """
 
 from __future__ import annotations
 
-import argparse
-import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,36 +16,28 @@ from capsbayes.database import NO_EFFECT, Database
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, ForwardModel
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
-from evidence.benchmarks.fresh import STORED
+from evidence.benchmarks.fresh import FRESH
+from evidence.benchmarks.stored import POOL_FOLDER, RESULTS, with_write
 from evidence.exam.sessions import POOLS, pool_name
+from evidence.markdown import renew, table
 
-ROOT = Path(__file__).parents[2]
-FOLDER, PAGE = ROOT / "data" / "pools", ROOT / "evidence" / "results" / "off-nodes.md"
-QUANTITIES = {"axial_extent": "L_z", "axial_length": "L_a", "velocity_ratio": "v_o/U"}
-BEGIN, END = "<!-- nodes -->", "<!-- end of nodes -->"
+PAGE = RESULTS / "off-nodes.md"
+QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
+HEAD = (
+    *("database", "where", "shapes inside", "L_z, 10⁻³ l: rms (largest)", "L_a", "v_o/U"),
+    *("rms of z", "largest z", "outline", "largest stated error"),
+)
 CONVEX = 1e-4
 
 
 class Shapes(NamedTuple):
-    """Simulated shapes.
+    """Simulated shapes."""
 
-    Parameters
-    ----------
-    where : str
-        ``"nodes"``, the size of the effect, or ``"fresh"``.
-    theta : dict of str to (n,) array
-    values : (n, 3) array
-        L_z, L_a, v_o/U.
-    depth : (n,) array
-        Depth of the rear [l].
-    outlines : (n, p, 2) array or None
-    """
-
-    where: str
+    where: str  # "nodes", the size of the effect, or "fresh"
     theta: dict[str, np.ndarray]
-    values: np.ndarray
-    depth: np.ndarray
-    outlines: np.ndarray | None
+    values: np.ndarray  # (n, 3): L_z, L_a, v_o/U
+    depth: np.ndarray  # (n,), of the rear [l]
+    outlines: np.ndarray | None  # (n, p, 2)
 
 
 class Row(NamedTuple):
@@ -83,7 +69,7 @@ def off_nodes(name: str) -> Iterator[Shapes]:
     database = Database.open(name)
     of_plain = {"square-neo-hookean": ("none", 0.0), "square-hooke": ("hooke_share", 1.0)}
     for effect, size in POOLS:
-        path = FOLDER / f"{pool_name(effect, size)}.nc"
+        path = POOL_FOLDER / f"{pool_name(effect, size)}.nc"
         fits = (effect, size) == of_plain.get(name) if database.effect == NO_EFFECT else effect == database.effect
         if fits and name.startswith("square") and path.exists():
             cases = Database.read(path).converged
@@ -93,7 +79,7 @@ def off_nodes(name: str) -> Iterator[Shapes]:
             values = np.stack([cases[key] for key in QUANTITIES], axis=1)
             label = "pool" if database.effect == NO_EFFECT else f"{effect.replace('_', ' ')} {size:g}"
             yield Shapes(label, theta, values, cases["parachute_depth"], cases["profile"])
-    with np.load(STORED, allow_pickle=False) as stored:
+    with np.load(FRESH, allow_pickle=False) as stored:
         chosen = stored["database"] == name
         if chosen.any():
             theta = {key: stored[key][chosen] for key in ("capillary_number", "size_ratio")}
@@ -157,44 +143,31 @@ def without_mesh_error(database: Database) -> Database:
     return Database(dataset)
 
 
-def rows(name: str, *, outlines: bool = True) -> list[Row]:
+def rows(name: str) -> list[Row]:
     """Compare one shipped surrogate with its nodes, then with everything that is off them."""
     database, model = Database.open(name), on_its_mesh(name)
     alone = model if database.effect == NO_EFFECT else Surrogate.from_database(without_mesh_error(database))
     made = [compared(name, alone, at_nodes(database, alone))]
-    return made + [compared(name, model, shapes, outlines=outlines) for shapes in off_nodes(name)]
+    return made + [compared(name, model, shapes) for shapes in off_nodes(name)]
 
 
-def tables(names: list[str]) -> str:
-    """Return the table of all surrogates in Markdown."""
-    head = [
-        "| database | where | shapes inside | L_z, 10⁻³ l: rms (largest) | L_a | v_o/U "
-        "| rms of z | largest z | outline | largest stated error |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    body = []
-    for name in names:
-        for row in rows(name):
-            error = [f"{1e3 * rms:.2f} ({1e3 * most:.1f})" for rms, most in zip(row.rms, row.largest, strict=True)]
-            z, most = (", ".join(f"{value:.2f}" for value in values) for values in (row.z, row.largest_z))
-            outline = "" if np.isnan(row.outline_z) else f"{row.outline_z:.2f}"
-            label, inside = (row.database if row.where == "nodes" else ""), f"{row.inside} of {row.count}"
-            cells = [label, row.where, inside, *error, z, most, outline, f"{100 * row.stated:.1f} %"]
-            body.append(f"| {' | '.join(cells)} |")
-            print(body[-1], flush=True)
-    return "\n".join([*head, *body])
+def cells(row: Row) -> list[str]:
+    """Return the cells of a row of the table."""
+    error = [f"{1e3 * rms:.2f} ({1e3 * most:.1f})" for rms, most in zip(row.rms, row.largest, strict=True)]
+    z, most = (", ".join(f"{value:.2f}" for value in values) for values in (row.z, row.largest_z))
+    outline = "" if np.isnan(row.outline_z) else f"{row.outline_z:.2f}"
+    label, inside = (row.database if row.where == "nodes" else ""), f"{row.inside} of {row.count}"
+    return [label, row.where, inside, *error, z, most, outline, f"{100 * row.stated:.1f} %"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="databases; by default every shipped one")
-    parser.add_argument("--write", action="store_true", help="renew the table in evidence/results/off-nodes.md")
-    options = parser.parse_args()
-    table = tables(options.names or Database.shipped())
-    if options.write:
-        text = PAGE.read_text(encoding="utf-8")
-        renewed = re.sub(f"{BEGIN}.*?{END}", lambda _: f"{BEGIN}\n\n{table}\n\n{END}", text, flags=re.DOTALL)
-        PAGE.write_text(renewed, encoding="utf-8")
+    given = parser.parse_args()
+    text = table(HEAD, (cells(row) for name in given.names or Database.shipped() for row in rows(name)))
+    print(text)
+    if given.write:
+        renew(PAGE, "nodes", text)
 
 
 if __name__ == "__main__":

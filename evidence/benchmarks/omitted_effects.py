@@ -1,17 +1,12 @@
 """What an effect that the model omits does to G_s and a: ``python -m evidence.benchmarks.omitted_effects --write``.
 
-The effects and their sizes are those of the exam. Forty capsules with each are drawn from its simulated shapes, and the
-microscope's effects are drawn on them as plane geometry; the plain model is fitted to the outline of each, which is
-measured without errors and weighted as one with errors of 0.01 l. Takes half a minute.
+The effects and their sizes are those of the exam. The plain model is fitted to the outlines of forty capsules with
+each, measured without errors and weighted as with errors of 0.01 l. Takes half a minute.
 
 ``--write`` renews ``evidence/results/omitted-effects.json`` and the table in ``docs/limits.md``.
 """
 
 from __future__ import annotations
-
-import argparse
-import json
-from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,12 +17,10 @@ from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, Noise, draw_session
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.search import Comparison
+from evidence.benchmarks.stored import POOL_FOLDER, Stored, with_write
 from evidence.exam.sessions import CELLS, Cell, pool_name
-from evidence.markdown import renew, table_lines
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "omitted-effects.json", ROOT / "docs" / "limits.md"
-BEGIN, END = "<!-- omitted effects -->\n", "<!-- end of omitted effects -->\n"
 LAB, CAPSULES, SEED = Lab(noise=Noise(understated=0.0)), 40, 1
 EFFECTS = {
     "pre_inflation": "pre-inflation $\\alpha$",
@@ -57,7 +50,7 @@ def cells() -> list[Cell]:
 
 def omitted(cell: Cell, model: Surrogate) -> dict[str, float]:
     """Return the medians of what ln G_s and ln a are off by, and the distance of the outlines [l]."""
-    shapes = Database.read(ROOT / "data" / "pools" / f"{pool_name(*cell.shapes)}.nc")
+    shapes = Database.read(POOL_FOLDER / f"{pool_name(*cell.shapes)}.nc")
     effect, size = TRUE_EFFECTS[cell.effect], cell.size_in(LAB)
     blind = draw_session(shapes, effect, size, lab=LAB, capsules=CAPSULES, seed=SEED)
     fits = fitted(model, blind.session, whitening(model, blind.session))
@@ -71,8 +64,8 @@ def omitted(cell: Cell, model: Surrogate) -> dict[str, float]:
     }
 
 
-def table(found: dict[str, dict[str, float]]) -> str:
-    """Return the table in Markdown, a row for each effect."""
+def tables(found: dict[str, dict[str, float]]) -> dict[str, str]:
+    """Return the table, a row for each effect."""
     rows = []
     for effect, words in EFFECTS.items():
         sizes = [cell for cell in cells() if cell.effect == effect]
@@ -80,20 +73,18 @@ def table(found: dict[str, dict[str, float]]) -> str:
         off = (", ".join(f"{np.expm1(one[key]):+.1%}" for one in mine) for key in ("log_modulus", "log_radius"))
         gaps = ", ".join(f"{1e3 * one['gap']:.1f}" for one in mine)
         rows.append((words, ", ".join(f"{cell.size:g}" for cell in sizes), *off, gaps))
-    return "".join(f"{line}\n" for line in table_lines(HEAD, rows))
+    return {"omitted effects": table(HEAD, rows)}
+
+
+STORED = Stored("omitted-effects.json", "docs/limits.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true")
-    options = parser.parse_args()
+    given = with_write(__doc__).parse_args()
     model = Surrogate.open("square-neo-hookean")
     with threadpool_limits(1):
         found = {cell.name: omitted(cell, model) for cell in cells()}
-    print(table(found))
-    if options.write:
-        STORED.write_text(json.dumps(found, indent=1) + "\n")
-        renew(PAGE, BEGIN, END, table(found))
+    STORED.show(found, write=given.write)
 
 
 if __name__ == "__main__":

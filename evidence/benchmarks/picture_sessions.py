@@ -2,13 +2,9 @@
 
     python -m evidence.benchmarks.picture_sessions --sessions 3 --write
 
-Each session has a laboratory of its own, as in the exam. Its capsules are drawn in pictures, 60 px to l, by
-``evidence/benchmarks/camera.py``, which shares no code with what measures them; one microscope takes all pictures of a
-session. They are measured and diagnosed as a folder of pictures is. Rows in which a fault of the camera is no effect of
-the catalogue say whether poor pictures are taken for physics.
-
 Diagnoses the sessions of each row that have no answer in ``evidence/results/picture-sessions.json`` yet, half a minute
-each, and prints the table of all answers. ``--write`` renews the table in ``evidence/results/diagnosis.md``.
+each, and prints the table of all answers. ``--write`` renews the table in ``evidence/results/diagnosis.md``, where the
+sessions are described.
 """
 
 from __future__ import annotations
@@ -16,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
@@ -33,12 +28,10 @@ from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
 from evidence.benchmarks.camera import Camera, Capsule, Grey, Looks, View, photograph
 from evidence.benchmarks.conditions import HALF_WIDTH, MARGIN, some_camera, some_looks
-from evidence.benchmarks.hidden_sessions import answer_of, diagnosed
+from evidence.benchmarks.hidden_sessions import PAGE, answer_of, diagnosed, outcomes
+from evidence.benchmarks.stored import POOL_FOLDER, Stored
 from evidence.exam.sessions import drawn_lab
 
-ROOT = Path(__file__).parents[2]
-STORED = ROOT / "evidence" / "results" / "picture-sessions.json"
-MARKS = "<!-- picture sessions -->\n", "<!-- end of picture sessions -->"
 MIDDLE = 4e-3  # m/s, velocity of a capsule at which motion in the exposure is stated
 
 Seen = Callable[[View, Camera, float], tuple[View, Camera]]
@@ -108,14 +101,14 @@ def answered(row: Row, seed: int, model: Surrogate) -> dict[str, Any]:
     done = [measurement for measurement in measurements if measurement.status.ok]
     study = diagnose(Session(done, blind.lab.experiment), model, seed=seed)
     true = float(np.exp(np.median(blind.log_modulus)))
-    return answer_of(study, row.hidden, seed, true, begin) | {"capsules": len(pictures), "measured": len(done)}
+    return answer_of(study, true, begin) | {"capsules": len(pictures), "measured": len(done)}
 
 
 def taken(row: Row, seed: int) -> tuple[BlindSession, list[tuple[Grey, Grey, Quantity]]]:
     """Return a session, and of each capsule the picture, that of the empty channel, and the velocity [m/s]."""
     random = np.random.default_rng([seed, *row.hidden.encode()])
     lab, count = drawn_lab(random)
-    shapes = Database.read(ROOT / f"data/pools/{row.pool}.nc").converged
+    shapes = Database.read(POOL_FOLDER / f"{row.pool}.nc").converged
     blind = draw_session(shapes, TRUE_EFFECTS["none"], 0.0, lab=lab, capsules=count, seed=int(random.integers(2**31)))
     looks, camera = some_looks(random), some_camera(random)
     flow, tilt = int(random.choice([-1, 1])), random.uniform(-0.03, 0.03)
@@ -166,5 +159,7 @@ def measured(picture: Grey, empty: Grey, velocity: Quantity, experiment: Experim
     return measurement_of(detect(whole, background=Picture.from_array(empty)), whole, experiment, velocity)
 
 
+STORED = Stored("picture-sessions.json", PAGE, lambda answers: {"picture sessions": outcomes(ROWS, answers)})
+
 if __name__ == "__main__":
-    diagnosed(__doc__, ROWS, STORED, MARKS, answered, view="silhouette")
+    diagnosed(__doc__, ROWS, STORED, answered, view="silhouette")

@@ -1,22 +1,19 @@
 """Lengths measured in drawn pictures: bias, coverage of the intervals, seconds.
 
 Run ``python -m evidence.benchmarks.pictures [COUNT]``. Each picture shows a simulated capsule drawn at random from a
-shipped database, with optics drawn at random: three sets of blur, each measured with the background given. The
-intervals are those of the measurement; the counts expected by chance are printed next to them.
+shipped database, with optics drawn at random: three sets of blur, each measured with the background given.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from scipy.stats import binom
 from threadpoolctl import threadpool_limits
 
@@ -24,11 +21,15 @@ from capsbayes.database import Database
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
 from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
+from evidence.benchmarks.counts import NORMAL_ENDS
+from evidence.benchmarks.stored import arguments
+from evidence.markdown import table
 
 SETS = {"sharp, 0.5 to 1 px": (0.5, 1.0), "1 to 1.7 px": (1.0, 1.7), "blurred, 1.7 to 2.2 px": (1.7, 2.2)}
 LENGTHS = ("L_z", "L_a", "L_p", "l", "L_z/l", "L_a/l")
+SEED = 2024
+HEAD = ("blur", "", "n", "bias px", "scatter px", "error px", "in 68 %", "by chance", "in 95 %", "by chance")
 MARGIN = 35.0  # px around the capsule
-LEVELS = {0.68: 0.99446, 0.95: 1.95996}
 
 
 @dataclass
@@ -41,23 +42,19 @@ class Tally:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=300, help="number of pictures (default: 300)")
-    parser.add_argument("--seed", type=int, default=2024)
-    parser.add_argument("--database", default="square-neo-hookean", help="name of a shipped database")
     asked = parser.parse_args()
-    cases = Database.open(asked.database).converged
-    random = np.random.default_rng(asked.seed)
+    cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(SEED)
     tallies = {name: Tally() for name in SETS}
     with threadpool_limits(limits=1):
         for number in track(range(asked.count), description="pictures", transient=True):
             name = list(SETS)[number % len(SETS)]
             count(drawn(cases, SETS[name], random), tallies[name])
-    console = Console(width=110)
-    console.print(table(tallies))
+    print(table(HEAD, rows(tallies)))
     for name, tally in tallies.items():
         ended = ", ".join(f"{key} {value}" for key, value in tally.statuses.items())
-        console.print(f"{name}: {ended}; processor {1e3 * float(np.median(tally.seconds)):.1f} ms a picture (median)")
+        print(f"{name}: {ended}; processor {1e3 * float(np.median(tally.seconds)):.1f} ms a picture (median)")
 
 
 def drawn(cases: Database, blur: tuple[float, float], random: np.random.Generator) -> Drawing:
@@ -114,37 +111,30 @@ def count(made: Drawing, tally: Tally) -> None:
     truth = np.array([made.axial_extent, made.axial_length, depth, made.half_width])
     error, sd = seen.lengths - truth, np.sqrt(np.diag(seen.covariance))
     half_width = seen.lengths[3]
-    for index, name in enumerate(LENGTHS[:4]):
-        if np.isfinite(error[index]):
-            tally.errors[name].append((error[index], sd[index]))
-    for index, name in enumerate(LENGTHS[4:]):
-        if np.isfinite(error[index]):
-            ratio = seen.lengths[index] / half_width
-            # in pixels, to be compared with the others
-            tally.errors[name].append(
-                (half_width * (ratio - truth[index] / truth[3]), float(np.hypot(sd[index], ratio * sd[3])))
-            )
+    ratio, true_ratio = seen.lengths[:2] / half_width, truth[:2] / truth[3]
+    over_l = half_width * (ratio - true_ratio), np.hypot(sd[:2], ratio * sd[3])  # in pixels, as the others
+    for name, *pair in zip(LENGTHS, np.append(error, over_l[0]), np.append(sd, over_l[1]), strict=True):
+        if np.isfinite(pair[0]):
+            tally.errors[name].append(tuple(pair))
 
 
-def table(tallies: dict[str, Tally]) -> Table:
-    made = Table("blur", "", "n", "bias px", "scatter px", "error px", "in 68 %", "by chance", "in 95 %", "by chance")
-    everything = Tally()
+def rows(tallies: dict[str, Tally]) -> Iterator[list[str]]:
+    """Yield what is counted of each length in each set of pictures, and in all of them."""
+    whole = Tally()
     for name in LENGTHS:
-        everything.errors[name] = [pair for tally in tallies.values() for pair in tally.errors[name]]
-    for name, tally in {**tallies, "all": everything}.items():
+        whole.errors[name] = [pair for tally in tallies.values() for pair in tally.errors[name]]
+    for name, tally in {**tallies, "all": whole}.items():
         for length in LENGTHS:
             if tally.errors[length]:
-                made.add_row(name, length, *row(np.array(tally.errors[length])))
-        made.add_section()
-    return made
+                yield [name, length, *row(np.array(tally.errors[length]))]
 
 
 def row(pairs: NDArray[np.float64]) -> list[str]:
     error, sd = pairs.T
     cells = [f"{len(error)}", f"{error.mean():+.3f}", f"{error.std():.3f}", f"{np.sqrt(np.mean(sd**2)):.3f}"]
-    for level, quantile in LEVELS.items():
-        low, high = binom.ppf([0.025, 0.975], len(error), level) / len(error)
-        cells += [f"{np.mean(np.abs(error) < quantile * sd):.1%}", f"{low:.0%}..{high:.0%}"]
+    for level, end in NORMAL_ENDS.items():
+        low, high = binom.ppf([0.025, 0.975], len(error), level / 100) / len(error)
+        cells += [f"{np.mean(np.abs(error) < end * sd):.1%}", f"{low:.0%}..{high:.0%}"]
     return cells
 
 

@@ -1,22 +1,17 @@
 """Compare the widths that the flow design predicts with those of simulated capsules, identified one by one.
 
-Run ``python -m evidence.benchmarks.sensitivity [CAPSULES]``. Each row is one mean velocity of a design: capsules are
-drawn as expected, with the model's own error, measured with the errors of the lab and identified by quadrature. The
-target is a prediction within 10 % of the mean width. The last columns describe the position of the capsule: whether the
-posterior leans on the border of the database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
+Run ``python -m evidence.benchmarks.sensitivity [CAPSULES]``. Each row is one mean velocity of a design. The target is a
+prediction within 10 % of the mean width. The last column says whether the posterior leans on the border of the
+database, whether the rear is convex (L_p = 0), and whether two shapes are stable.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Table
 
 from capsbayes.experiment import Experiment
 from capsbayes.infer.verdict import LEANING_SHARE
@@ -24,12 +19,15 @@ from capsbayes.model import TWO_SHAPES
 from capsbayes.plan import FlowDesign, FlowPoint, LabErrors, SimulatedWidths, flow_design, simulated_widths
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate import Surrogate
+from evidence.benchmarks.stored import arguments
+from evidence.markdown import table
 
 MODULUS = 0.05  # N/m
 SIZES = (0.85, 0.96, 1.05)
 ERRORS = (0.02, 0.005)  # of the lengths, over l
 ROWS = 9  # velocities of each design
 WANTED = 0.10
+HEAD = ("U mm/s", "Ca", "predicted %", "simulated %", "off", "without noise", "in 68 %", "")
 
 
 @dataclass(frozen=True)
@@ -62,19 +60,14 @@ def labs() -> Iterator[Lab]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("capsules", nargs="?", type=int, default=150, help="number of capsules of each row")
     capsules = parser.parse_args().capsules
-    console = Console(width=118)
     counts: dict[str, list[tuple[bool, bool]]] = {"all": [], "allowed": [], "allowed, one shape, L_p > 0": []}
     for lab in labs():
         model = Surrogate.open(f"{lab.experiment.cross_section}-neo-hookean")
         design = flow_design(lab.modulus, lab.radius, lab.experiment, lab.errors, model, seed=1)
-        table = Table(
-            *("U mm/s", "Ca", "predicted %", "simulated %", "off", "without noise", "in 68 %", ""),
-            title=lab.name,
-            box=SIMPLE,
-        )
+        rows = []
         for point in chosen(design):
             found = simulated_widths(
                 lab.modulus,
@@ -91,12 +84,11 @@ def main() -> None:
             for name, belongs in zip(counts, (True, point.allowed, point.allowed and not where), strict=True):
                 if belongs:
                     counts[name].append((good, plain))
-            table.add_row(*cells(point, found, good), ", ".join(where) + (" BEST" if point is design.best else ""))
-        console.print(table)
+            rows.append([*cells(point, found, good), ", ".join(where) + (" BEST" if point is design.best else "")])
+        print(f"{lab.name}\n\n{table(HEAD, rows)}\n", flush=True)
     for name, found in counts.items():
         good, plain = (sum(column) for column in zip(*found, strict=True))
-        words = f"{name}: {good} of {len(found)} within {WANTED:.0%}, {plain} by the measurement without noise"
-        console.print(words, highlight=False)
+        print(f"{name}: {good} of {len(found)} within {WANTED:.0%}, {plain} by the measurement without noise")
 
 
 def chosen(design: FlowDesign) -> list[FlowPoint]:

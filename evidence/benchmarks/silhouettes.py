@@ -1,22 +1,17 @@
 """Silhouettes measured in drawn pictures: their noise compared with the stated one, and the posteriors from them.
 
-Run ``python -m evidence.benchmarks.silhouettes [CAPSULES]``. The pictures are those of
-``evidence/benchmarks/pictures.py``, of simulated capsules, each of which is omitted from the surrogate that identifies
-it; those at the border of the database, beyond which no interval can reach, are not drawn. The first table gives the
-normal residuals of the measured silhouettes about the true ones; the second the shares of the intervals of Ca and a/l
-that contain the truth, and their widths compared with those from the lengths of the same pictures. An interrupt ends
-the run and prints the results so far; ``--write`` renews ``evidence/results/silhouettes.json`` and the tables in
+Run ``python -m evidence.benchmarks.silhouettes [CAPSULES]``. The pictures are those of ``pictures``. Capsules at the
+border of the database, beyond which no interval can reach, are not drawn. An interrupt ends the run and prints the
+results so far; ``--write`` renews ``evidence/results/silhouettes.json`` and the tables in
 ``evidence/results/pictures.md``.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -33,19 +28,16 @@ from capsbayes.infer import Quadrature
 from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
-from evidence.benchmarks.pictures import scenery
-from evidence.markdown import renew
+from evidence.benchmarks.counts import LEVELS, NORMAL_ENDS
+from evidence.benchmarks.pictures import SEED, scenery
+from evidence.benchmarks.stored import Stored, with_write
+from evidence.markdown import table
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "silhouettes.json", ROOT / "evidence" / "results" / "pictures.md"
-MARKS = (
-    ("<!-- silhouettes -->\n", "<!-- end of silhouettes -->\n"),
-    ("<!-- widths -->\n", "<!-- end of widths -->\n"),
-)
 SETS = {"0.5 to 1 px": (0.5, 1.0), "2 px": (1.95, 2.05)}
-LEVELS = {0.68: 0.99446, 0.95: 1.95996}
-COVERAGE = ("blur", "n", "residual, l", "stated, l", "whitened square", "slow waves in 68 %, 95 %")
-COVERAGE = (*COVERAGE, "Ca in 68 %, 95 %", "a/l in 68 %, 95 %")
+COVERAGE = (
+    *("blur", "n", "residual, l", "stated, l", "whitened square", "slow waves in 68 %, 95 %"),
+    *("Ca in 68 %, 95 %", "a/l in 68 %, 95 %"),
+)
 WIDTHS = ("rear", "blur", "n", "ln Ca", "from lengths", "a/l", "from lengths")
 FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 NAMES = ("capillary_number", "size_ratio")
@@ -64,20 +56,31 @@ class Tally:
     failed: list[str] = field(default_factory=list)
 
 
-def compare(made: Drawing, measured: MeasuredOutline, tally: Tally) -> None:
-    """Compute the normal residuals about the true silhouette, whitened with the stated noise."""
-    truth = np.asarray(made.scene.silhouette)
+class Residuals(NamedTuple):
+    """Normal residuals (n,) of a measured silhouette about the true one, their stated covariance, and whitened."""
+
+    distance: Floats
+    covariance: Floats
+    white: Floats
+
+
+def residuals(measured: MeasuredOutline, truth: Floats) -> Residuals:
+    """Return the residuals where the silhouette lies best on the true one (p, 2)."""
     points, feet = aligned_with(measured.points, truth if signed_area(truth) > 0.0 else truth[::-1])
-    noise = measured.noise
-    covariance = noise.covariance(points) + measured.pose.offset**2
-    white = scipy.linalg.solve_triangular(scipy.linalg.cholesky(covariance, lower=True), feet.distance, lower=True)
-    angle = 2.0 * np.pi * np.arange(len(points)) / len(points)
+    covariance = measured.noise.covariance(points) + measured.pose.offset**2
+    factor = scipy.linalg.cholesky(covariance, lower=True)
+    return Residuals(feet.distance, covariance, scipy.linalg.solve_triangular(factor, feet.distance, lower=True))
+
+
+def compare(made: Drawing, measured: MeasuredOutline, tally: Tally) -> None:
+    """Compare the residuals about the true silhouette with the stated noise."""
+    distance, covariance, white = residuals(measured, np.asarray(made.scene.silhouette))
+    angle = 2.0 * np.pi * np.arange(len(distance)) / len(distance)
     waves = np.array([np.ones_like(angle), *(turn(k * angle) for k in range(2, MODES) for turn in (np.cos, np.sin))])
-    tally.waves.append((waves @ feet.distance) / np.sqrt(np.einsum("ki,ij,kj->k", waves, covariance, waves)))
-    stated = np.sqrt(np.mean(np.diag(covariance)))
-    neighbours = np.mean(feet.distance * np.roll(feet.distance, 1))
-    expected = np.mean(np.diag(covariance, 1))
-    tally.residuals.append([np.mean(feet.distance**2), stated**2, neighbours, expected, np.mean(white**2)])
+    tally.waves.append((waves @ distance) / np.sqrt(np.einsum("ki,ij,kj->k", waves, covariance, waves)))
+    neighbours, expected = np.mean(distance * np.roll(distance, 1)), np.mean(np.diag(covariance, 1))
+    squares = np.mean(distance**2), np.mean(np.diag(covariance)), np.mean(white**2)
+    tally.residuals.append([*squares[:2], neighbours, expected, squares[2]])
 
 
 def weigh(engine: Quadrature, measurement: Measurement, truth: tuple[float, float], tally: Tally) -> None:
@@ -106,11 +109,11 @@ def _numbers(tally: Tally) -> dict[str, Any]:
         "stated": float(np.sqrt(stated)),
         "correlation": [float(neighbours / square), float(expected / stated)],
         "white": float(white),
-        "waves": {f"{level:.0%}": float(np.mean(waves < limit)) for level, limit in LEVELS.items()},
+        "waves": {f"{level}%": float(np.mean(waves < end)) for level, end in NORMAL_ENDS.items()},
     }
     for data, below in tally.ranks.items():
-        away = 2.0 * np.abs(np.array(below) - 0.5)
-        made[data] = {f"{level:.0%}": np.mean(away < level, axis=0).tolist() for level in LEVELS} | {"n": len(away)}
+        away = 200.0 * np.abs(np.array(below) - 0.5)
+        made[data] = {f"{level}%": np.mean(away < level, axis=0).tolist() for level in LEVELS} | {"n": len(away)}
     made["widths"] = {
         "seen" if seen else "not seen": {"n": len(widths), "medians": np.median(np.array(widths), axis=0).tolist()}
         for seen, widths in tally.widths.items()
@@ -119,58 +122,49 @@ def _numbers(tally: Tally) -> dict[str, Any]:
     return made
 
 
-def coverage_table(stored: dict[str, Any]) -> str:
-    """Return the table of residuals and of intervals that hold the truth, in Markdown."""
-    lines = [f"| {' | '.join(COVERAGE)} |", f"|{'---|' * len(COVERAGE)}"]
+def tables(stored: dict[str, Any]) -> dict[str, str]:
+    """Return the table of residuals and of intervals that hold the truth, and that of the median widths."""
+    lines = []
     for name, found in stored.items():
         numbers = [f"{found['residual']:.4f}", f"{found['stated']:.4f}", f"{found['white']:.2f}"]
         waves = ", ".join(f"{share:.0%}" for share in found["waves"].values())
-        lines.append(f"| {' | '.join((name, str(found['n']), *numbers, waves, *_shares(found['silhouette'])))} |")
-    count = sum(found["lengths"]["n"] for found in stored.values())
-    lengths = {
-        level: (sum(found["lengths"]["n"] * np.array(found["lengths"][level]) for found in stored.values()) / count)
-        for level in (f"{level:.0%}" for level in LEVELS)
-    }
-    return "\n".join([*lines, f"| from L_z and L_a alone | {count} | | | | | {' | '.join(_shares(lengths))} |"]) + "\n"
+        lines.append((name, str(found["n"]), *numbers, waves, *_shares(found["silhouette"])))
+    by_lengths = [found["lengths"] for found in stored.values()]
+    count = sum(found["n"] for found in by_lengths)
+    whole = {f"{n}%": sum(found["n"] * np.array(found[f"{n}%"]) for found in by_lengths) / count for n in LEVELS}
+    lines.append(("from L_z and L_a alone", str(count), "", "", "", "", *_shares(whole)))
+    return {"silhouettes": table(COVERAGE, lines), "widths": table(WIDTHS, _width_rows(stored))}
 
 
 def _shares(found: dict[str, Any]) -> list[str]:
-    return [", ".join(f"{found[f'{level:.0%}'][column]:.0%}" for level in LEVELS) for column in (0, 1)]
+    return [", ".join(f"{found[f'{level}%'][column]:.0%}" for level in LEVELS) for column in (0, 1)]
 
 
-def width_table(stored: dict[str, Any]) -> str:
-    """Return the table of the median standard deviations, in Markdown."""
-    lines = [f"| {' | '.join(WIDTHS)} |", f"|{'---|' * len(WIDTHS)}"]
+def _width_rows(stored: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     for rear in ("seen", "not seen"):
         for name, found in stored.items():
-            if rear in found["widths"]:
-                widths = found["widths"][rear]
+            if widths := found["widths"].get(rear):
                 ca, size, ca_by_lengths, size_by_lengths = widths["medians"]
-                numbers = (f"{ca:.3f}", f"{ca_by_lengths:.2g}", f"{size:.4f}", f"{size_by_lengths:.2g}")
-                lines.append(f"| {' | '.join((rear, name, str(widths['n']), *numbers))} |")
-    return "\n".join(lines) + "\n"
+                numbers = f"{ca:.3f}", f"{ca_by_lengths:.2g}", f"{size:.4f}", f"{size_by_lengths:.2g}"
+                yield rear, name, str(widths["n"]), *numbers
+
+
+STORED = Stored("silhouettes.json", "evidence/results/pictures.md", tables)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=60, help="number of capsules (default: 60)")
-    parser.add_argument("--seed", type=int, default=2024)
-    parser.add_argument("--write", action="store_true", help="renew the stored numbers and the page")
-    asked = parser.parse_args()
-    cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(asked.seed)
+    given = parser.parse_args()
+    cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(SEED)
     tallies = {name: Tally() for name in SETS}
     with threadpool_limits(limits=1), suppress(KeyboardInterrupt):
-        for number in track(range(asked.count), description="capsules", transient=True):
+        for number in track(range(given.count), description="capsules", transient=True):
             name = list(SETS)[number % len(SETS)]
-            one(cases, SETS[name], random, tallies[name])
-    made = summary(tallies)
-    print(coverage_table(made), width_table(made), sep="\n")
+            one_capsule(cases, SETS[name], random, tallies[name])
+    STORED.show(summary(tallies), write=given.write)
     for name, tally in tallies.items():
         print(f"{name}: {len(tally.failed)} omitted: {', '.join(sorted(tally.failed)) or 'none'}")
-    if asked.write:
-        STORED.write_text(json.dumps(made, indent=1) + "\n")
-        for marks, text in zip(MARKS, (coverage_table(made), width_table(made)), strict=True):
-            renew(PAGE, *marks, text)
 
 
 def without_one(cases: Database, random: np.random.Generator) -> tuple[Database, Surrogate]:
@@ -186,7 +180,7 @@ def without_one(cases: Database, random: np.random.Generator) -> tuple[Database,
             return case, surrogate
 
 
-def one(cases: Database, blur: tuple[float, float], random: np.random.Generator, tally: Tally) -> None:
+def one_capsule(cases: Database, blur: tuple[float, float], random: np.random.Generator, tally: Tally) -> None:
     """Draw, measure and identify one capsule; omit it if its flow direction or its edge is not found."""
     case, surrogate = without_one(cases, random)
     scene, optics = scenery(case, blur, random)

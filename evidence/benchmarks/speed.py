@@ -11,31 +11,48 @@ processes together does so less. ``dclab`` is `pip install dclab`.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import emcee
 import numpy as np
+import pandas as pd
+import psutil
+from scipy.interpolate import RBFInterpolator
 
-from evidence.markdown import renew
+from capsbayes import Database, Experiment, Measurement, Surrogate, identify, identify_folder, identify_membrane
+from capsbayes.arrays import Floats
+from capsbayes.image.film import measure_film
+from capsbayes.infer import Posterior, Prior, Quadrature
+from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.prior import Inputs
+from capsbayes.membrane_database import FREE_PARAMETERS
+from capsbayes.surrogate import MembraneSurrogate
+from capsbayes.surrogate.diffuse import PlaneScaling
+from evidence.benchmarks import membrane_coverage as coverage
+from evidence.benchmarks.stored import ROOT, Stored, with_write
+from evidence.markdown import table
 
-if TYPE_CHECKING:
-    from capsbayes import Measurement, Surrogate
-    from capsbayes.infer import Posterior
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+import drawn_populations
+from density_of_all_inputs import DensityOfAllInputs
 
-ROOT = Path(__file__).parents[2]
-STORED, PAGE = ROOT / "evidence" / "results" / "speed.json", ROOT / "docs" / "evidence.md"
-BEGIN, END = "<!-- speed -->\n", "<!-- end of speed -->"
 CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
 BATCH = ROOT / "examples" / "shared_membrane"
+MEMBRANE = ("membrane", BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml")
+ALONE = (*MEMBRANE, "--no-laws")
 FILM = ROOT / "examples" / "pictures" / "film.avi"
 SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
@@ -45,36 +62,35 @@ Row = dict[str, Any]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = with_write(__doc__)
     parser.add_argument("names", nargs="*", help="rows to be measured again")
     parser.add_argument("--again", action="store_true", help="measure every row again")
-    parser.add_argument("--write", action="store_true", help="renew the table on the page")
     parser.add_argument("--one", choices=ROWS, help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.one:
-        print(json.dumps(ROWS[asked.one].measured()))
+    given = parser.parse_args()
+    if given.one:
+        print(json.dumps(ROWS[given.one].measured()))
         return
-    stored = json.loads(STORED.read_text()) if STORED.exists() else {}
+    stored = STORED.read()
     for name in ROWS:
-        if asked.again or name in asked.names or name not in stored:
+        if given.again or name in given.names or name not in stored:
             command = [sys.executable, "-m", "evidence.benchmarks.speed", "--one", name]
             how = {"stdout": subprocess.PIPE, "text": True, "env": os.environ | ONE_THREAD, "cwd": ROOT}
             done = subprocess.run(command, check=True, **how)
             stored[name] = json.loads(done.stdout.splitlines()[-1])
-            STORED.write_text(json.dumps({name: stored[name] for name in ROWS if name in stored}, indent=1) + "\n")
-    print(table(stored))
-    if asked.write:
-        renew(PAGE, BEGIN, END, table(stored))
+            STORED.write({name: stored[name] for name in ROWS if name in stored})
+    STORED.show(stored, write=given.write)
 
 
-def table(stored: dict[str, Row]) -> str:
-    """Return the table in Markdown."""
-    lines = ["| what | wall time | processor | wanted | |", "|---|---|---|---|---|"]
+def tables(stored: dict[str, Row]) -> dict[str, str]:
+    """Return the table of the stored times."""
+    rows = []
     for name, row in stored.items():
-        wanted = f"{shown(ROWS[name].wanted)}" if ROWS[name].wanted else ""
-        cells = (ROWS[name].words, shown(row["wall"]), shown(row["processor"]), wanted, row.get("remark", ""))
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        wanted = shown(ROWS[name].wanted) if ROWS[name].wanted else ""
+        rows.append((ROWS[name].words, shown(row["wall"]), shown(row["processor"]), wanted, row.get("remark", "")))
+    return {"speed": table(("what", "wall time", "processor", "wanted", ""), rows)}
+
+
+STORED = Stored("speed.json", "docs/evidence.md", tables)
 
 
 def shown(seconds: float) -> str:
@@ -119,31 +135,15 @@ def spent() -> float:
 def command(*words: str | Path, runs: int = RUNS) -> Row:
     """Time a command as a person runs it; Python keeps what it compiled, as it does unless told otherwise."""
     known = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    done = [str(word) for word in words]
-    return clocked(lambda: subprocess.run(done, check=True, capture_output=True, env=known), runs)
+    return clocked(lambda: subprocess.run(list(map(str, words)), check=True, capture_output=True, env=known), runs)
 
 
-def imported() -> Row:
-    return command(sys.executable, "-c", "import capsbayes")
-
-
-def identified() -> Row:
-    with tempfile.TemporaryDirectory() as folder:
-        return command(SCRIPT, "identify", CAPSULE, "--out", folder)
-
-
-def diagnosed() -> Row:
-    with tempfile.TemporaryDirectory() as folder:
-        return command(SCRIPT, "diagnose", SESSION, "--out", Path(folder) / "study", runs=1)
-
-
-def shared(*options: str) -> Callable[[], Row]:
-    """Return what times the membrane of the batch of the examples."""
+def writing(*words: str | Path, runs: int = RUNS) -> Callable[[], Row]:
+    """Return what times a command of the package that writes its result."""
 
     def run() -> Row:
         with tempfile.TemporaryDirectory() as folder:
-            words = BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml", "--out", folder
-            return command(SCRIPT, "membrane", *words, *options, runs=1)
+            return command(SCRIPT, *words, "--out", Path(folder) / "out", runs=runs)
 
     return run
 
@@ -152,32 +152,22 @@ def many_shared(number: int) -> Callable[[], Row]:
     """Return what times a batch whose outlines are drawn from the model itself: only its time counts."""
 
     def run() -> Row:
-        from capsbayes import identify_membrane
-        from capsbayes.membrane_database import FREE_PARAMETERS
-        from evidence.benchmarks import membrane_coverage as coverage
-
         model, rng = coverage.model("unknown"), np.random.default_rng(1)
         ca, size = 0.07 * np.exp(0.15 * rng.standard_normal(number)), rng.uniform(0.82, 0.98, number)
         values = np.column_stack([ca, size, np.broadcast_to([0.03, 2.0, 0.3, 2e-4], (number, 4))])
         seen = model(dict(zip(FREE_PARAMETERS, values.T, strict=True)), outline=True)
         numbers = np.column_stack([seen.axial_extent, seen.axial_length, seen.velocity_ratio])
         drawn = zip(values, numbers, seen.outline, strict=True)
-        measurements = [coverage.measured("outline", *capsule, rng)[0] for capsule in drawn]
+        batch = [coverage.measured("outline", *capsule, rng)[0] for capsule in drawn]
         answers: list[Any] = []
-        found = clocked(
-            lambda: answers.append(identify_membrane(measurements, coverage.experiment(), seed=1, laws=False)), 1
-        )
+        found = clocked(lambda: answers.append(identify_membrane(batch, coverage.experiment(), seed=1, laws=False)), 1)
         return found | {"remark": f"without the odds of laws; {answers[0].status.name}"}
 
     return run
 
 
-def opened() -> tuple[Any, Any, Any]:
+def opened() -> tuple[Measurement, Experiment, Surrogate]:
     """Return the capsule of the example, its experiment and the model."""
-    from capsbayes.experiment import Experiment
-    from capsbayes.measurement import Measurement
-    from capsbayes.surrogate import Surrogate
-
     measurement = Measurement.read(CAPSULE)
     return measurement, Experiment.read(measurement.experiment_file or CAPSULE), Surrogate.open("square-neo-hookean")
 
@@ -197,8 +187,6 @@ def simulated(like: Measurement, model: Surrogate) -> list[Measurement]:
 
 
 def on_grid() -> Row:
-    from capsbayes.infer import Quadrature
-
     measurement, experiment, model = opened()
     capsules, engine = simulated(measurement, model), Quadrature(model, experiment)
     found = clocked(lambda: [engine(capsule) for capsule in capsules])
@@ -208,8 +196,6 @@ def on_grid() -> Row:
 
 
 def sampled() -> Row:
-    from capsbayes.infer import identify
-
     measurement, experiment, model = opened()
     found = through_gates(lambda number: identify(measurement, model, experiment, seed=number))
     return found | {"remark": f"{found['remark']}; checked on a grid"}
@@ -219,9 +205,6 @@ def membrane_unknown(kind: str) -> Callable[[], Row]:
     """Return what times the identification of simulated capsules by lengths or outline, with the membrane unknown."""
 
     def run() -> Row:
-        from capsbayes.infer import identify
-        from evidence.benchmarks import membrane_coverage as coverage
-
         model, capsules = coverage.model("unknown"), list(coverage.capsules().values())
 
         def identified(number: int) -> Posterior:
@@ -237,9 +220,6 @@ def seen_in_film(database: str) -> Callable[[], Row]:
     """Return what times the identification of a capsule by the silhouette that the frames of a film show together."""
 
     def run() -> Row:
-        from capsbayes import Experiment, identify, measure_film
-        from capsbayes.surrogate import Surrogate
-
         experiment = Experiment.read(FILM.with_name("experiment.toml"))
         (capsule,) = measure_film(FILM, experiment, frame_rate="400 Hz").capsules
         model = Surrogate.open(database, view="silhouette")
@@ -250,15 +230,6 @@ def seen_in_film(database: str) -> Callable[[], Row]:
 
 def plainly_sampled() -> Row:
     """Sample all inputs by emcee with its own default moves until the chain has 50 autocorrelation times."""
-    import emcee
-
-    sys.path.insert(0, str(ROOT / "tests" / "support"))
-    from density_of_all_inputs import DensityOfAllInputs
-
-    from capsbayes.infer import Prior
-    from capsbayes.infer.density import PosteriorDensity
-    from capsbayes.infer.prior import Inputs
-
     measurement, experiment, model = opened()
     inputs_of = Inputs.of(measurement, experiment)
     density = DensityOfAllInputs(model, PosteriorDensity.of(measurement, inputs_of, Prior()))
@@ -279,31 +250,87 @@ def plainly_sampled() -> Row:
     return clocked(run) | {"remark": f"64 walkers, {int(statistics.median(steps))} steps: 50 autocorrelation times"}
 
 
-def predicted(method: str) -> Callable[[], Row]:
+# A point of a batch, by the surrogate and by general interpolators. All learn (L_z, L_a, v_o/U) from the same
+# parachutes in the same coordinates: no smooth method represents the jump to the convex branch, which the surrogate
+# treats apart.
+
+Predict = Callable[[Floats], Floats]
+QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
+
+
+def held_out(cases: Database, rows: Floats) -> tuple[Database, Database]:
+    """Return chosen cases to learn from, and every fifth of those between others of its column of a/l."""
+    members = Database(cases.dataset.isel(case=rows))
+    ca, size = members["capillary_number"], np.round(members["size_ratio"], 6)
+    inside = (size > size.min()) & (size < size.max())
+    for column in np.unique(size):  # whose ends bound the region of the branch
+        ends = ca[size == column].min(), ca[size == column].max()
+        inside &= (size != column) | ((ca > ends[0]) & (ca < ends[1]))
+    chosen = np.flatnonzero(inside)[::5]
+    rest = np.setdiff1d(np.arange(len(ca)), chosen)
+    return Database(members.dataset.isel(case=rest)), Database(members.dataset.isel(case=chosen))
+
+
+def of_surrogate(known: Database, scaling: PlaneScaling) -> Predict:
+    """Return the surrogate as users call it, with table, mask and covariance."""
+    learnt = Surrogate(known)
+
+    def predict(points: Floats) -> Floats:
+        ca, size = scaling.from_plane(points).T
+        return learnt({"capillary_number": ca, "size_ratio": size}).values
+
+    return predict
+
+
+def of_thin_plates(known: Database, scaling: PlaneScaling) -> Predict:
+    return RBFInterpolator(nodes_of(known, scaling), values_of(known), kernel="thin_plate_spline")
+
+
+def of_gaussian_process(known: Database, scaling: PlaneScaling) -> Predict:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+
+    nodes, values = nodes_of(known, scaling), values_of(known)
+    mean, spread = values.mean(axis=0), values.std(axis=0)
+    kernel = ConstantKernel(10.0, (1e-2, 1e6)) * Matern([10.0, 10.0], (1.0, 1e4), nu=2.5)
+    process = GaussianProcessRegressor(kernel, alpha=1e-10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the length scales of smooth data run to their bounds
+        process.fit(nodes, (values - mean) / spread)
+    return lambda points: mean + spread * process.predict(points)
+
+
+def nodes_of(cases: Database, scaling: PlaneScaling) -> Floats:
+    return scaling.to_plane(cases["capillary_number"], cases["size_ratio"])
+
+
+def values_of(cases: Database) -> Floats:
+    return np.stack([cases[name] for name in QUANTITIES], axis=1)
+
+
+def accuracy(predict: Predict, cases: Database, scaling: PlaneScaling) -> Floats:
+    """Return the relative root mean square errors (3,) of the three quantities."""
+    error = predict(nodes_of(cases, scaling)) / values_of(cases) - 1.0
+    return np.sqrt(np.mean(error**2, axis=0))
+
+
+def predicted(learn: Callable[[Database, PlaneScaling], Predict]) -> Callable[[], Row]:
     """Return what times the prediction of one point in a batch."""
 
     def run() -> Row:
-        from capsbayes.database import Database
-        from capsbayes.surrogate import Surrogate
-        from evidence.benchmarks import interpolators
-
         database = Database.open("square-neo-hookean")
-        ours = Surrogate(database)
-        part, count = ours.branches[0], 100_000 if method == "ours" else 10_000
-        known, held_out = interpolators.split(database.converged, part.branch)
-        points = interpolators.some_points(ours, count)
-        places = part.scaling.to_plane(*points.T)
-        learn = {
-            "ours": interpolators.surrogate,
-            "process": interpolators.gaussian_process,
-            "radial": interpolators.radial("thin_plate_spline"),
-        }[method]
-        predict = learn(known, part.scaling)
-        rms = interpolators.accuracy(predict, held_out, part.scaling)
-        theta = dict(zip(("capillary_number", "size_ratio"), points.T, strict=True))
-        found = clocked(lambda: ours(theta) if method == "ours" else predict(places))
+        ours, is_ours = Surrogate(database), learn is of_surrogate
+        part, count = ours.branches[0], 100_000 if is_ours else 10_000
+        known, others = held_out(database.converged, part.branch.rows)
+        (ca_low, ca_high), (size_low, size_high) = ours.domain.bounds
+        points = np.random.default_rng(0).uniform([ca_low, size_low], [ca_high, size_high], (4 * count, 2))
+        ca, size = points[ours.domain.contains(*points.T)][:count].T
+        predict, places = learn(known, part.scaling), part.scaling.to_plane(ca, size)
+        rms = accuracy(predict, others, part.scaling)
+        theta = {"capillary_number": ca, "size_ratio": size}
+        found = clocked(lambda: ours(theta) if is_ours else predict(places))
         return {name: seconds / count for name, seconds in found.items()} | {
-            "remark": f"rms error of L_a at {len(held_out)} held-out shapes: {rms[1]:.1e}"
+            "remark": f"rms error of L_a at {len(others)} held-out shapes: {rms[1]:.1e}"
         }
 
     return run
@@ -313,10 +340,10 @@ def scattered(outline: bool) -> Callable[[], Row]:
     """Return what times the prediction of one point with its covariance, all six parameters unknown."""
 
     def run() -> Row:
-        from evidence.benchmarks import membrane as benchmark
-
-        model, theta = benchmark.some_points(5_000 if outline else 100_000)
-        count = len(theta["size_ratio"])
+        model, count = MembraneSurrogate.open("square"), 5_000 if outline else 100_000
+        values = model.membrane_database["values"]
+        chosen = values[np.random.default_rng(1).integers(0, len(values), count)]
+        theta = dict(zip(FREE_PARAMETERS, chosen.T, strict=True))
         found = clocked(lambda: model(theta, outline=outline))
         return {name: seconds / count for name, seconds in found.items()}
 
@@ -324,14 +351,60 @@ def scattered(outline: bool) -> Callable[[], Row]:
 
 
 def batch(number: int) -> Callable[[], Row]:
-    def run() -> Row:
-        from evidence.benchmarks import populations
+    """Return what times a table of lengths of drawn capsules, in two processes."""
 
-        found = populations.one(number)
-        remark = f"two processes, {found['memory']:.1f} GiB; {found['done']:.1%} of the rows done"
-        return {"wall": found["wall"], "processor": found["processor"], "remark": remark}
+    def run() -> Row:
+        model, experiment = Surrogate.open("square-neo-hookean"), drawn_populations.EXPERIMENT
+        lengths, velocities = drawn_populations.measured(model, number, seed=1)
+        columns = {
+            "axial_extent_over_l": lengths[:, 0],
+            "axial_extent_error_over_l": np.sqrt(lengths[:, 2]),
+            "axial_length_over_l": np.minimum(lengths[:, 1], lengths[:, 0]),
+            "axial_length_error_over_l": np.sqrt(lengths[:, 4]),
+            "capsule_velocity_m_per_s": velocities[:, 0],
+            "capsule_velocity_error_m_per_s": velocities[:, 1],
+        }
+        rows = []
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "capsules.csv"
+            pd.DataFrame(columns).to_csv(source, index=False)
+            del columns, lengths, velocities
+            how = {"out": Path(folder) / "r.nc", "seed": 1, "check": 0.0, "workers": 2}
+            with PeakMemory() as memory:
+                found = clocked(lambda: rows.append(identify_folder(source, model, experiment, **how)), runs=1)
+        done = float(rows[0].usable.mean())
+        return found | {"remark": f"two processes, {memory.peak / 2**30:.1f} GiB; {done:.1%} of the rows done"}
 
     return run
+
+
+class PeakMemory:
+    """Largest resident memory of this process and its children together, seen every tenth of a second.
+
+    What getrusage tells of a child begins with the memory of the process that started it.
+    """
+
+    def __init__(self) -> None:
+        self.peak = 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> PeakMemory:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        this = psutil.Process()
+        while not self._ended.wait(0.1):
+            total = 0
+            for process in (this, *this.children(recursive=True)):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    total += process.memory_info().rss
+            self.peak = max(self.peak, total)
 
 
 def peer() -> Row:
@@ -355,8 +428,8 @@ class Timed(NamedTuple):
 
 
 ROWS = {
-    "import": Timed("`import capsbayes`", 0.3, imported),
-    "identify": Timed("`capsbayes identify`, the whole command", 4.0, identified),
+    "import": Timed("`import capsbayes`", 0.3, lambda: command(sys.executable, "-c", "import capsbayes")),
+    "identify": Timed("`capsbayes identify`, the whole command", 4.0, writing("identify", CAPSULE)),
     "quadrature": Timed("one capsule on a grid", 1e-3, on_grid),
     "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
     "film": Timed("one capsule by its silhouette in a film", 2.0, seen_in_film("square-neo-hookean")),
@@ -364,18 +437,18 @@ ROWS = {
     "unknown, lengths": Timed("one capsule by lengths, its membrane unknown", 2.0, membrane_unknown("lengths")),
     "unknown, outline": Timed("one capsule by its outline, its membrane unknown", 10.0, membrane_unknown("outline")),
     "plain emcee": Timed("the same posterior by plain emcee, all five unknowns sampled", None, plainly_sampled),
-    "surrogate": Timed("the model, a point of a batch", None, predicted("ours")),
+    "surrogate": Timed("the model, a point of a batch", None, predicted(of_surrogate)),
     "scattered": Timed("the model with the membrane unknown, a point of a batch", 5e-6, scattered(outline=False)),
     "scattered, outline": Timed("the same with its outline", None, scattered(outline=True)),
-    "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted("radial")),
-    "process": Timed("scikit-learn's Gaussian process, Matérn 5/2, a point", None, predicted("process")),
+    "radial": Timed("scipy's RBFInterpolator, thin plates, a point", None, predicted(of_thin_plates)),
+    "process": Timed("scikit-learn's Gaussian process, Matérn 5/2, a point", None, predicted(of_gaussian_process)),
     "100000": Timed("a batch of 100 000 capsules", 30.0, batch(100_000)),
     "1000000": Timed("a batch of 1 000 000 capsules", 300.0, batch(1_000_000)),
     "dclab": Timed("100 000 point estimates of dclab", None, peer),
-    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, shared()),
-    "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, shared("--no-laws")),
+    "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, writing(*MEMBRANE, runs=1)),
+    "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, writing(*ALONE, runs=1)),
     "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
-    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, diagnosed),
+    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, writing("diagnose", SESSION, runs=1)),
 }
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -144,7 +143,7 @@ def _size(cell: Cell, study: Study) -> dict[str, float]:
 
 # The record of the diagnosis that the locked half is opened with
 
-_OTHER = ("app", "cli", "image", "show")  # folders of the package with code that decides no answer
+_OTHER = ("app", "cli", "image", "report")  # folders of the package with code that decides no answer
 _RECORD = "frozen.json"
 
 
@@ -163,28 +162,27 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
-def freeze(out: str | os.PathLike[str]) -> None:
+def freeze(out: Path) -> None:
     """Record the code of the diagnosis in the folder of the exam, unless the locked half was opened with other code."""
     # What was seen of the locked half cannot be unseen.
-    folder = Path(out)
-    if frozen(folder) != code_digest() and any((folder / "locked").glob("*.jsonl")):
+    if frozen(out) != code_digest() and any((out / "locked").glob("*.jsonl")):
         expected, got = "a locked half that was not opened yet", "answers of another diagnosis"
-        raise InputError(str(folder / "locked"), "", expected, got, "draw a new half with other seeds")
-    make_folder(folder)
-    write_file(folder / _RECORD, json.dumps({"code": code_digest(), "version": capsbayes.__version__}) + "\n")
+        raise InputError(str(out / "locked"), "", expected, got, "draw a new half with other seeds")
+    make_folder(out)
+    write_file(out / _RECORD, json.dumps({"code": code_digest(), "version": capsbayes.__version__}) + "\n")
 
 
-def frozen(out: str | os.PathLike[str]) -> str | None:
+def frozen(out: Path) -> str | None:
     """Return the hash of the code that was recorded, None if none was."""
-    record = Path(out) / _RECORD
+    record = out / _RECORD
     return str(json.loads(record.read_text(encoding="utf-8"))["code"]) if record.exists() else None
 
 
-def check_frozen(out: str | os.PathLike[str]) -> None:
+def check_frozen(out: Path) -> None:
     """Refuse to open the locked half with a diagnosis that was not frozen, or has changed since."""
-    there = frozen(out)
-    if there != code_digest():
-        got = "none" if there is None else "that of another diagnosis"
+    recorded = frozen(out)
+    if recorded != code_digest():
+        got = "none" if recorded is None else "that of another diagnosis"
         raise InputError("exam", "--half locked", "the record of this diagnosis", got, "freeze it first with --freeze")
 
 
@@ -198,8 +196,8 @@ _APART = 1_000_000  # seeds between the halves
 
 def examine(
     cells: Sequence[Cell],
-    pools: str | os.PathLike[str],
-    out: str | os.PathLike[str],
+    pools: Path,
+    out: Path,
     *,
     half: str = "development",
     workers: int | None = None,
@@ -210,16 +208,16 @@ def examine(
     # is known, so that the same call repeated continues where it ended. A session is diagnosed anew if its cell, the
     # shapes or the model have changed since, not if the code of the diagnosis has, which each answer states. `pools` is
     # the folder of the databases of shapes; `tell` is called with a line for each round that begins.
-    folder = Path(out) / half
+    folder = out / half
     begin = _APART * HALVES[half]
     make_folder(folder)
     with only_run(folder), keeping(folder):
         code = code_digest()
-        works = {cell.name: _work_of(cell, os.fspath(pools)) for cell in cells}
+        works = {cell.name: _work_of(cell, pools) for cell in cells}
         known = {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
             tasks = [
-                partial(_one, cell, begin + seed, os.fspath(pools), _records(folder, cell), works[cell.name], code)
+                partial(_one, cell, begin + seed, pools, _records(folder, cell), works[cell.name], code)
                 for seed in range(start, end + 1)
                 for cell in cells
                 if seed <= cell.sessions and begin + seed not in known[cell.name]
@@ -232,16 +230,12 @@ def examine(
     return {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
 
 
-def stored(
-    cells: Sequence[Cell], pools: str | os.PathLike[str], out: str | os.PathLike[str], *, half: str = "development"
-) -> Answers:
+def stored(cells: Sequence[Cell], pools: Path, out: Path, *, half: str = "development") -> Answers:
     """Return the answers that `examine` has kept."""
     # The pool of a cell without answers need not be there.
-    folder = Path(out) / half
+    folder = out / half
     return {
-        cell.name: _read(folder, cell, _work_of(cell, os.fspath(pools)))
-        for cell in cells
-        if _records(folder, cell).path.exists()
+        cell.name: _read(folder, cell, _work_of(cell, pools)) for cell in cells if _records(folder, cell).path.exists()
     }
 
 
@@ -253,21 +247,21 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
         start, end = end + 1, 2 * end
 
 
-def _one(cell: Cell, seed: int, pools: str, records: Records, work: str, code: str) -> None:
+def _one(cell: Cell, seed: int, pools: Path, records: Records, work: str, code: str) -> None:
     store = Store(records.path.parent, digest_of(work, code))
     with steps_kept(store, f"{records.path.stem}-{seed}"):
         answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
     records.add({"seed": seed, **asdict(answer), "work": work, "code": code})
 
 
-def _work_of(cell: Cell, pools: str) -> str:
+def _work_of(cell: Cell, pools: Path) -> str:
     """Return a hash of what the answers of a cell depend on, the seed excepted."""
     same = replace(cell, name="", sessions=0, clear=False, own={})  # whose code the hash of their file stands for
     return digest_of(__version__, same, _shapes(pools, *cell.shapes).sha256, _model())
 
 
 @lru_cache(maxsize=4)
-def _shapes(pools: str, effect: str, size: float) -> Database:
+def _shapes(pools: Path, effect: str, size: float) -> Database:
     return read_pool(pools, effect, size)
 
 

@@ -12,7 +12,7 @@ import capsbayes
 from capsbayes.arrays import Floats
 from evidence.exam.answers import SMALL, Answers
 from evidence.exam.sessions import Cell, in_words
-from evidence.markdown import table_lines
+from evidence.markdown import table
 
 # Bounds of a share of sessions, which have shapes in common
 
@@ -155,10 +155,10 @@ def _half(half: str, cells: Sequence[Cell], answers: Answers) -> Iterator[str]:
         (words, str(share), ("met" if met else otherwise) if share.of else "no session yet")
         for words, share, met in _requirements(given)
     )
-    yield from table_lines(("requirement", "result", ""), rows)
+    yield table(("requirement", "result", ""), rows)
     yield ""
     head = ("hidden", "sessions", *_OUTCOMES, "log score", "error of G_s", "without", "G_s held", "size held")
-    yield from table_lines(head, (_row(cell, given.of([name])) for name, cell in given.cells.items()))
+    yield table(head, (_row(cell, given.of([name])) for name, cell in given.cells.items()))
 
 
 def _gathered(cells: Sequence[Cell], answers: Answers) -> _Given:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -74,10 +73,10 @@ def _between(places: tuple[float, ...], rng: np.random.Generator, digits: int) -
     return [round(float(low * (high / low) ** (part / len(places))), digits) for part in parts]
 
 
-def read_pool(folder: str | os.PathLike[str], effect: str, size: float) -> Database:
+def read_pool(folder: Path, effect: str, size: float) -> Database:
     """Return all shapes of a pool in a folder, as far as its files are there."""
     names = [pool_name(effect, size, block) for block in range(BLOCKS.get((effect, size), 1))]
-    first, *further = [Path(folder) / f"{name}.nc" for name in names]
+    first, *further = [folder / f"{name}.nc" for name in names]
     pool = Database.read(first)
     more = [Database.read(path).dataset.isel(border=slice(0)) for path in further if path.exists()]
     if not more:
@@ -94,32 +93,21 @@ def read_pool(folder: str | os.PathLike[str], effect: str, size: float) -> Datab
 
 
 def build_pools(
-    names: Iterable[tuple[str, float]],
-    folder: str | os.PathLike[str],
-    *,
-    workers: int | None = None,
-    further: bool = False,
-) -> dict[tuple[str, float], Database]:
-    """Build those of some pools, named by keys of `POOLS`, that a folder lacks, and return all pools."""
+    names: Iterable[tuple[str, float]], folder: Path, *, workers: int | None = None, further: bool = False
+) -> None:
+    """Build those of some pools, named by keys of `POOLS`, that a folder lacks."""
     # The further files of a pool are built only if they are asked for; pools of other settings or cases are refused.
-    pools = {}
     for effect, size in names:
         simulator = simulator_with(POOLS[effect, size], size)
         for block in range(BLOCKS.get((effect, size), 1) if further else 1):
-            path, cases = Path(folder) / f"{pool_name(effect, size, block)}.nc", pool_cases(block)
+            path, cases = folder / f"{pool_name(effect, size, block)}.nc", pool_cases(block)
             if not path.exists():
                 build_database(simulator, cases, out=path, workers=workers, compact=True)
             part = Database.read(path)
             missing = {*cases} - {*zip(part["capillary_number"].tolist(), part["size_ratio"].tolist(), strict=True)}
-            _check_pool(path, different_settings(part, simulator) + ["cases"] * bool(missing))
-        pools[effect, size] = read_pool(folder, effect, size)
-    return pools
-
-
-def _check_pool(path: Path, different: list[str]) -> None:
-    if different:
-        got = f"one made with other {', '.join(different)}"
-        raise InputError(str(path), "", "the pool of shapes of this name", got, "remove it to build it anew")
+            if different := different_settings(part, simulator) + ["cases"] * bool(missing):
+                got = f"one made with other {', '.join(different)}"
+                raise InputError(str(path), "", "the pool of shapes of this name", got, "remove it to build it anew")
 
 
 # Laboratories: each session has one of its own, drawn at random

@@ -29,6 +29,7 @@ _PAPER_TARGETS = {"axial_extent": 0.005, "axial_length": 0.005, "velocity_ratio"
 TubeCase: TypeAlias = tuple[float, float, float]
 """Ca, a/R and pre-inflation."""
 
+_TUBE_MESH, _COARSE = 8, 6  # refinement in the tube; of transients and in shear
 _USUAL = 2e-4
 _BENDINGS = (1e-3, _USUAL, 1e-4, 5e-5)  # where the belly is compressed
 
@@ -64,17 +65,17 @@ def _paper_rows(results: Results) -> Iterator[Row]:
         yield Row(f"slack, n = {n}", results.value(on_mesh(n), "slack"), target=Target("at most", SLACK_LIMIT))
 
 
-def circular_tube(refinement: int = 8) -> Topic:
+def circular_tube() -> Topic:
     """Return the topic of the axisymmetric table, with less and less bending where the membrane is compressed."""
     return Topic(
         "circular-tube",
         "Circular tube",
-        f"Neo-Hookean capsules at refinement {refinement} compared with axisymmetric ones without bending. The belly "
+        f"Neo-Hookean capsules at refinement {_TUBE_MESH} compared with axisymmetric ones without bending. The belly "
         "of uninflated capsules is compressed from a/R = 0.9 on: there the axisymmetric shape, to which the simulator "
         "holds a capsule in a tube, is unstable to wrinkles about the axis, and the more so the smaller its bending "
         "stiffness B.",
         {
-            _tube_item(case, bending): partial(_tube_state, case, bending, refinement)
+            _tube_item(case, bending): partial(_tube_state, case, bending)
             for case in TUBE.numbers
             for bending in _bendings(case)
         },
@@ -96,8 +97,8 @@ def _bendings(case: TubeCase) -> tuple[float, ...]:
     return _BENDINGS if _compressed(case) else (_USUAL,)
 
 
-def _tube_state(case: TubeCase, bending: float, refinement: int) -> Values:
-    simulator = Simulator(cross_section="circular", refinement=refinement, bending=bending, pre_inflation=case[2])
+def _tube_state(case: TubeCase, bending: float) -> Values:
+    simulator = Simulator(cross_section="circular", refinement=_TUBE_MESH, bending=bending, pre_inflation=case[2])
     return numbers(steady(simulator, case[0], case[1]))
 
 
@@ -138,7 +139,7 @@ _TIMES = (*np.linspace(0.2, _SETTLED, 12).round(1).tolist(), 50.0)
 _NEWTON, _IMPLICIT, _EXPLICIT = "Newton's method", "semi-implicit steps", "explicit steps"
 
 
-def transients(refinement: int = 6) -> Topic:
+def transients() -> Topic:
     """Return the topic of Newton's method and both schemes on one mesh."""
     return Topic(
         "transients",
@@ -146,29 +147,29 @@ def transients(refinement: int = 6) -> Topic:
         "Neo-Hookean capsule at Ca = {:g}, a/l = {:g} in the square channel, from rest, at refinement {}. The "
         "semi-implicit steps end when no node moves faster than {:g} U relative to the centroid, the explicit ones "
         "at ten times that; Newton's method starts from the steady state at Ca = {:g}.".format(
-            *_TRANSIENT, refinement, STEADY, _NEXT_TO_IT[0]
+            *_TRANSIENT, _COARSE, STEADY, _NEXT_TO_IT[0]
         ),
         {
-            _NEWTON: partial(_newton, refinement),
-            _IMPLICIT: partial(_followed, refinement, "semi-implicit", STEADY),
-            _EXPLICIT: partial(_followed, refinement, "explicit", 10.0 * STEADY),
+            _NEWTON: _newton,
+            _IMPLICIT: partial(_followed, "semi-implicit", STEADY),
+            _EXPLICIT: partial(_followed, "explicit", 10.0 * STEADY),
         },
         _transient_rows,
         _transient_picture,
     )
 
 
-def _newton(refinement: int) -> Values:
-    simulator = Simulator(refinement=refinement)
+def _newton() -> Values:
+    simulator = Simulator(refinement=_COARSE)
     neighbour = steady(simulator, *_NEXT_TO_IT)
     begin = time.process_time()
     state = steady(simulator, *_TRANSIENT, neighbour)
     return numbers(state) | {"seconds": time.process_time() - begin}
 
 
-def _followed(refinement: int, scheme: Scheme, speed: float) -> Values:
+def _followed(scheme: Scheme, speed: float) -> Values:
     """Return series over the times."""
-    problem = Simulator(refinement=refinement).problem
+    problem = Simulator(refinement=_COARSE).problem
     begin = time.process_time()
     times, found = [], []
     for instant in transient(problem, problem.at_rest(*_TRANSIENT), _TIMES, scheme=scheme, steady=speed):
@@ -226,16 +227,16 @@ _BENDING, _CODES_DIFFER = 2e-4, 0.08
 _CAPILLARY_NUMBERS = tuple(SHEAR[0].numbers)
 
 
-def simple_shear(refinement: int = 6) -> Topic:
+def simple_shear() -> Topic:
     """Return the topic of steady deformations, and of the slope at small ones."""
     times = {_SMALL: 0.5} | dict.fromkeys(_CAPILLARY_NUMBERS, _SHEARED_FOR)  # a stiff membrane settles within a few Ca
     return Topic(
         "simple-shear",
         "Simple shear",
         f"Taylor's D of a neo-Hookean capsule sheared from rest without walls, Ca = mu (shear rate) a / G_s, at "
-        f"refinement {refinement}, with a bending stiffness of {_BENDING:g}, at time {_SHEARED_FOR:g}. Published codes "
+        f"refinement {_COARSE}, with a bending stiffness of {_BENDING:g}, at time {_SHEARED_FOR:g}. Published codes "
         f"differ by as much as {100 * _CODES_DIFFER:g} %.",
-        {_sheared(ca): partial(_deformation, ca, time, refinement) for ca, time in times.items()},
+        {_sheared(ca): partial(_deformation, ca, time) for ca, time in times.items()},
         _shear_rows,
         _shear_picture,
     )
@@ -245,8 +246,8 @@ def _sheared(capillary_number: float) -> str:
     return f"Ca = {capillary_number:g}"
 
 
-def _deformation(capillary_number: float, time: float, refinement: int) -> Values:
-    problem = Problem(NeoHookean(), ShearFlow(), refinement, _BENDING)
+def _deformation(capillary_number: float, time: float) -> Values:
+    problem = Problem(NeoHookean(), ShearFlow(), _COARSE, _BENDING)
     start = problem.at_rest(capillary_number, 1.0)
     (end,) = transient(problem, start, [time], steady=0.0)  # the membrane goes on turning
     return {"deformation": taylor_deformation(problem.mesh, problem.mesh.expanded(end.iterate.free))}

@@ -26,6 +26,7 @@ from evidence.verification.quantities import (
 from evidence.verification.topic import Reference, Results, Row, Target, Topic, Values
 
 _CASE, _NEIGHBOUR = (0.05, 0.9), (0.04, 0.9)
+_COARSE = 6  # refinement of the Jacobian and of the walls
 
 _STEP = 1e-6
 _DIRECTIONS = ("stretching the rear", "third powers", "Ca")
@@ -48,21 +49,21 @@ _TARGETS = {  # errors at n = 8 and at n = 12
 }
 
 
-def newtons_jacobian(refinement: int = 6) -> Topic:
+def newtons_jacobian() -> Topic:
     """Return the topic of derivatives along two smooth changes of shape and along Ca, at a steady state."""
     return Topic(
         "jacobian",
         "Newton's Jacobian",
         "At the steady state of Ca = {:g}, a/l = {:g}, refinement {}: largest difference of the velocity errors' "
         "derivative from central differences, over its largest value. Omitted on both sides: the rotation of the "
-        "normals along which the slack acts, which the derivatives neglect.".format(*_CASE, refinement),
-        {_DERIVATIVES: partial(_differences, refinement)},
+        "normals along which the slack acts, which the derivatives neglect.".format(*_CASE, _COARSE),
+        {_DERIVATIVES: _differences},
         _jacobian_rows,
     )
 
 
-def _differences(refinement: int) -> Values:
-    simulator = Simulator(refinement=refinement)
+def _differences() -> Values:
+    simulator = Simulator(refinement=_COARSE)
     problem = simulator.problem
     iterate = replace(iterate_of(problem, steady(simulator, *_CASE)), slack=0.0)
     _, slopes = problem.linearised(iterate)
@@ -88,22 +89,20 @@ def _jacobian_rows(results: Results) -> Iterator[Row]:
         yield Row(f"along {direction}: relative difference", error, target=Target("at most", 1e-6))
 
 
-def wall_discretisation(refinement: int = 6) -> Topic:
+def wall_discretisation() -> Topic:
     """Return the topic of one capsule with other spacings of the Stokeslets and another length of the channel."""
     discretisations = {_AS_SHIPPED: _SHIPPED} | _OTHERS
     return Topic(
         "walls",
         "Walls",
-        "Ca = {:g}, a/l = {:g} at refinement {}, with other representations of the walls.".format(
-            *_WALL_CASE, refinement
-        ),
-        {name: partial(_with_walls, walls, refinement) for name, walls in discretisations.items()},
+        "Ca = {:g}, a/l = {:g} at refinement {}, with other representations of the walls.".format(*_WALL_CASE, _COARSE),
+        {name: partial(_with_walls, walls) for name, walls in discretisations.items()},
         _wall_rows,
     )
 
 
-def _with_walls(walls: WallDiscretisation, refinement: int) -> Values:
-    return numbers(steady(Simulator(refinement=refinement, walls=walls), *_WALL_CASE))
+def _with_walls(walls: WallDiscretisation) -> Values:
+    return numbers(steady(Simulator(refinement=_COARSE, walls=walls), *_WALL_CASE))
 
 
 def _wall_rows(results: Results) -> Iterator[Row]:

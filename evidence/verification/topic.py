@@ -22,7 +22,7 @@ from capsbayes.files.output_file import make_folder, write_file
 from capsbayes.interruption import keeping
 from capsbayes.report.style import write_figure
 from capsbayes.run import only_run
-from evidence.markdown import table_lines
+from evidence.markdown import table
 from evidence.records import Records
 
 Values: TypeAlias = Mapping[str, float | list[float]]
@@ -182,31 +182,24 @@ def write_page(topics: Sequence[Topic], records: Records, out: Path) -> None:
         f"numbers were computed by capsbayes {capsbayes.__version__} and are kept in [results.jsonl](results.jsonl).",
         "Differences in per cent are relative. Times are seconds of one processor core.",
         "",
-        *_summary(known),
+        _summary(known),
     ]
     for topic, results in known:
-        lines += [
-            "",
-            f"## {topic.title}",
-            "",
-            topic.about,
-            "",
-            *table_lines(_COLUMNS, map(_cells, topic.rows(results))),
-        ]
+        lines += ["", f"## {topic.title}", "", topic.about, "", table(_COLUMNS, map(_cells, topic.rows(results)))]
         lines += _gaps(topic, results)
         if topic.name in drawn:
             lines += ["", f"![{topic.title}]({topic.name}.png)"]
     write_file(out / "verification.md", "\n".join(lines) + "\n")
 
 
-def _summary(known: Iterable[tuple[Topic, Results]]) -> Iterator[str]:
+def _summary(known: Iterable[tuple[Topic, Results]]) -> str:
     rows = []
     for topic, results in known:
         verdicts = Counter(row.verdict for row in topic.rows(results))
         seconds = sum(outcome.seconds for item, outcome in results.outcomes.items() if item in topic.items)
         link = f"[{topic.title}](#{_anchor(topic.title)})"
         rows.append((link, *(str(verdicts[verdict]) for verdict in _VERDICTS), f"{seconds:.0f}"))
-    return table_lines(("topic", *_VERDICTS, "seconds"), rows)
+    return table(("topic", *_VERDICTS, "seconds"), rows)
 
 
 def _anchor(title: str) -> str:

@@ -24,6 +24,7 @@ REFUSED = (
     ((*EXAM, "--effects", "file"), "expected an effect"),
     (("exam", "--out", "somebodys", "--pools", "pools"), "a file that capsbayes did not write"),
     (("rebuild", "../x", "--out", "made.nc"), "expected one of square-neo-hookean, "),
+    (("rebuild", "membrane-oval", "--out", "made.nc"), "membrane-circular, got 'membrane-oval'"),
     (("rebuild", "square-neo-hookean", "--out", "made.txt"), "ends in .nc"),
     (("rebuild", "square-neo-hookean", "--out", "nowhere/made.nc"), "expected a folder that exists"),
     (("rebuild", "square-neo-hookean", "--out", "there.nc"), "a file that capsbayes did not write"),

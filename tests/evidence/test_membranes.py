@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
 from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states
-from evidence.rebuild import build_membranes, membrane_places, spread_points
+from evidence.rebuild import MembraneRecipe, build_membranes, membrane_places, spread_points
 
 
 def test_places_lie_where_states_are_sought():
@@ -64,20 +63,8 @@ def test_a_shipped_state_is_found_again_on_a_finer_mesh_and_kept(tmp_path):
 
 @pytest.mark.slow
 def test_a_small_one_is_built_and_read(tmp_path):
-    built = build_membranes(
-        "membrane-square",
-        out=tmp_path / "few.nc",
-        states=2,
-        border_states=1,
-        refinement=5,
-        scheduler="synchronous",
-        progress=False,
-    )
+    few = MembraneRecipe("square", 2, 1, refinement=5)
+    built = build_membranes(few, out=tmp_path / "few.nc", scheduler="synchronous")
     again = MembraneDatabase.open(tmp_path / "few.nc")
     assert again.sha256 == built.sha256
     assert built.as_dict()["states"] + built.as_dict()["lost"] == 3
-
-
-def test_an_unknown_name_is_refused(tmp_path):
-    with pytest.raises(InputError, match="membrane-circular, got 'membrane-oval'"):
-        build_membranes("membrane-oval", out=tmp_path / "oval.nc")

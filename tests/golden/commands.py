@@ -37,11 +37,8 @@ class Desk:
     def run(self, *arguments: str, keep: Sequence[str] = KEPT, program: Sequence[str] = ()) -> dict[str, Any]:
         """Run a command of the package, or another program.
 
-        Returns
-        -------
-        dict
-            Exit status, what was printed, and by name the files that are new or changed, with what is in those of the
-            endings `keep`.
+        Returned are its exit status, what was printed, and by name the files that are new or changed, with what is in
+        those of the endings `keep`.
         """
         before = self._files()
         told = subprocess.run(

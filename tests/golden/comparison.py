@@ -108,13 +108,7 @@ def compare(
     renames: Sequence[tuple[str, ...]],
     strict: bool = False,
 ) -> int:
-    """Print how two records differ, section by section.
-
-    Returns
-    -------
-    int
-        1 if a number differs or is missing in the second, else 0.
-    """
+    """Print how two records differ, section by section; return 1 if a number differs or is missing, else 0."""
     a, b = load(first)["sections"], load(second)["sections"]
     failed = False
     for name in dict.fromkeys([*a, *b]):

@@ -29,44 +29,19 @@ _OF_EFFECTS = {  # of each effect database a value that is not the usual one, of
 
 @dataclass(frozen=True)
 class Case:
-    """A capsule and the model it is identified with.
-
-    Parameters
-    ----------
-    key : str
-    seen : tuple
-        Database, Ca, a/l, and for some the value of the effect, of the shape that is seen.
-    database : str
-        With which it is identified; by default the one that is seen.
-    view : str or None
-        Of its outline; None for lengths alone.
-    length : bool
-        Whether L_a was measured.
-    held : float or None
-        Value of the further coordinate of the database.
-    effect : tuple
-        Name of an effect that the model is given, and the share of its prior that lies below its size.
-    exact : bool
-        Whether the experiment is known without error.
-    error : float
-        Of the lengths, over l.
-    metres : bool
-        Whether the lengths are in metres.
-    emcee : bool
-        Whether it is sampled with emcee as well, which takes a hundred times as long.
-    """
+    """A capsule and the model it is identified with."""
 
     key: str
-    seen: tuple[Any, ...]
-    database: str = ""
-    view: str | None = None
-    length: bool = True
-    held: float | None = None
-    effect: tuple[str, float] | None = None
-    exact: bool = False
-    error: float = inputs.ERROR
-    metres: bool = False
-    emcee: bool = False
+    seen: tuple[Any, ...]  # database, Ca, a/l, and for some the value of the effect, of the shape that is seen
+    database: str = ""  # with which it is identified; by default the one that is seen
+    view: str | None = None  # of its outline; None for lengths alone
+    length: bool = True  # whether L_a was measured
+    held: float | None = None  # value of the further coordinate of the database
+    effect: tuple[str, float] | None = None  # that the model is given, and the share of its prior below its size
+    exact: bool = False  # whether the experiment is known without error
+    error: float = inputs.ERROR  # of the lengths, over l
+    metres: bool = False  # whether the lengths are in metres
+    emcee: bool = False  # whether it is sampled with emcee as well, which takes a hundred times as long
 
 
 def _cases() -> list[Case]:
@@ -101,11 +76,7 @@ def _cases() -> list[Case]:
         for name, value in _OF_EFFECTS.items()
     ]
     cases += [
-        Case(
-            "outline, square-rest-aspect",
-            ("square-rest-aspect", 0.06, 0.9, 1.05),
-            view="section",
-        ),
+        Case("outline, square-rest-aspect", ("square-rest-aspect", 0.06, 0.9, 1.05), view="section"),
         Case("lengths, inflation held", ("square-pre-inflation", 0.06, 0.9, 0.025), held=0.025),
         Case("outline, inflation held", ("square-pre-inflation", 0.06, 0.9, 0.025), held=0.025, view="section"),
         Case("lengths with pixel_scale", (plain, 0.06, 0.9), effect=("pixel_scale", 0.9), emcee=True),

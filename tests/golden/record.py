@@ -74,17 +74,9 @@ def main() -> int:
     if asked.command == "compare":
         from comparison import compare
 
-        renames = [tuple(one.split("=", 1)) for one in asked.rename]
-        return compare(
-            asked.first,
-            asked.second,
-            only=_names(asked.only),
-            rtol=asked.rtol,
-            atol=asked.atol,
-            most=asked.most,
-            renames=renames,
-            strict=asked.strict,
-        )
+        how = {name: getattr(asked, name) for name in ("rtol", "atol", "most", "strict")}
+        renames = [tuple(rename.split("=", 1)) for rename in asked.rename]
+        return compare(asked.first, asked.second, only=_names(asked.only), renames=renames, **how)
     restart_in_it()
     return write(asked.out, _names(asked.only), resume=asked.resume)
 

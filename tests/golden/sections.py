@@ -88,11 +88,7 @@ def batch(work: Path) -> Items:
 
 def exam(work: Path) -> Items:
     """The first session of each cell, diagnosed."""
-    yield from _of_cells(Desk(work))
-
-
-def _of_cells(desk: Desk) -> Items:
-    pools = str(REPOSITORY / "data" / "pools")
+    desk, pools = Desk(work), str(REPOSITORY / "data" / "pools")
 
     def page() -> dict[str, Any]:
         desk.run("exam", "--out", "exam", "--pools", pools, "--sessions", "1", "--workers", "1", keep=())

@@ -111,10 +111,8 @@ def of_posterior(posterior: Any) -> dict[str, Any]:
     """All that a posterior holds: its summary, and digests of its draws and outlines."""
     from values import digest
 
-    found: dict[str, Any] = {
-        "said": posterior.as_dict(),
-    }
-    found["draws"] = {name: digest(values, 6) for name, values in posterior.draws.items()}
+    draws = {name: digest(values, 6) for name, values in posterior.draws.items()}
+    found: dict[str, Any] = {"said": posterior.as_dict(), "draws": draws}
     if posterior.outlines is not None:
         found["outlines"] = digest(posterior.outlines, 12)
     return found

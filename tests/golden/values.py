@@ -30,13 +30,9 @@ def plain(value: Any) -> Any:
         return value.tolist() if value.size <= LONG else digest(value)
     if isinstance(value, (list, tuple, set, frozenset)):
         return [plain(one) for one in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value)
-    return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, (int, float)) else str(value)
 
 
 def digest(array: Any, shown: int = _SHOWN) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def test_importance_sampling_and_emcee_agree(population):
 
 @pytest.mark.slow
 def test_intervals_cover_though_the_viscosity_is_shared(model):
-    """60 sessions; `evidence/benchmarks/populations.py` takes 500."""
+    """60 sessions; `evidence/benchmarks/population_coverage.py` takes 500."""
     covered, without = dict.fromkeys(TRUTH, 0), 0
     for seed in range(60):
         found = hierarchy(drawn_population(model, 80, seed), seed=seed)

@@ -71,13 +71,8 @@ class AnalyticSimulator:
 
     @property
     def settings(self):
-        return {
-            "law": "none",
-            "cross_section": "square",
-            "refinement": self.refinement,
-            "bending": 2e-4,
-            "pre_inflation": 0.0,
-        }
+        mesh = {"refinement": self.refinement, "bending": 2e-4, "pre_inflation": 0.0}
+        return {"law": "none", "cross_section": "square"} | mesh
 
     def restored(self, values):
         return AnalyticState(**values)
@@ -100,18 +95,9 @@ class AnalyticSimulator:
             status, limit = Status.NO_STEADY_STATE, end
         elif capillary_number < self.lowest:
             status = Status.NOT_CONVERGED
-        rng = np.random.default_rng(int(1e6 * capillary_number))
-        nodes = rng.random((6, 3)) + origin
-        return AnalyticState(
-            capillary_number,
-            size_ratio,
-            nodes,
-            nodes[:, :2],
-            origin / np.pi,
-            status,
-            limit=limit,
-            parachute=parachute,
-        )
+        nodes = np.random.default_rng(int(1e6 * capillary_number)).random((6, 3)) + origin
+        place = capillary_number, size_ratio
+        return AnalyticState(*place, nodes, nodes[:, :2], origin / np.pi, status, limit=limit, parachute=parachute)
 
 
 def main():

@@ -33,16 +33,7 @@ def density_slopes(jet, sine, bending):
 class AxisymmetricShell:
     """Equilibrium of a shell whose poles are pressed in by springs along its axis.
 
-    The springs have the energy 1/2 k int cos(t)^8 (z - h cos t)^2 dS_0.
-
-    Parameters
-    ----------
-    bending : float
-        B over G_s a^2.
-    stiffness : float
-        k over G_s/a^2.
-    degree : int
-        Of the polynomials.
+    The springs have the energy 1/2 k int cos(t)^8 (z - h cos t)^2 dS_0; B is over G_s a^2, k over G_s/a^2.
     """
 
     def __init__(self, bending, stiffness, degree=60):

@@ -61,10 +61,7 @@ class DenseMembrane:
 
     def ends_68(self, name):
         """The 68 % interval of K or of h."""
-        axis, centres = {
-            "area_dilation_modulus": (1, np.log(self.area)),
-            "strain_hardening": (0, self.hardening),
-        }[name]
+        axis, centres = (1, np.log(self.area)) if name == "area_dilation_modulus" else (0, self.hardening)
         masses, step = self.of_membrane.sum(axis=axis), np.diff(centres[:2])[0]
         edges = np.append(centres - 0.5 * step, centres[-1] + 0.5 * step)
         ends = np.interp([0.16, 0.84], np.append(0.0, np.cumsum(masses)), edges)

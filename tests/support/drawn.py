@@ -16,15 +16,18 @@ def shapes():
     return Database.open("square-neo-hookean").converged
 
 
+def outlines(capillary_number, size_ratio):
+    """Profile and silhouette of the case nearest to a point of the database."""
+    cases = shapes()
+    apart = np.abs(np.log(cases["capillary_number"] / capillary_number))
+    row = int(np.argmin(apart + 10.0 * np.abs(cases["size_ratio"] - size_ratio)))
+    return cases["profile"][row], cases["silhouette"][row]
+
+
 def drawn(capillary_number, size_ratio, *, optics=PLAIN, seed=1, **scene):
     """Picture of the case nearest to a point of the database."""
-    cases = shapes()
-    apart = np.abs(np.log(cases["capillary_number"] / capillary_number)) + 10.0 * np.abs(
-        cases["size_ratio"] - size_ratio
-    )
-    row = int(np.argmin(apart))
     placed = {"half_width": HALF_WIDTH} | scene
-    return draw(Scene(cases["profile"][row], cases["silhouette"][row], **placed), optics, seed=seed)
+    return draw(Scene(*outlines(capillary_number, size_ratio), **placed), optics, seed=seed)
 
 
 def dirty(made, at, radius=8.0):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from drawn import PLAIN, shapes
+from drawn import PLAIN, outlines
 
 from capsbayes.image.synthetic import Scene, draw
 
@@ -16,14 +16,10 @@ ELECTRONS = 10_000.0
 @functools.cache
 def bright(capillary_number=0.06, size_ratio=1.0, half_width=HALF_WIDTH, x=None, flow=1, tilt=0.0, across=0.0):
     """Grey levels of a frame without noise, and of the empty channel; `x` is where the capsule's middle is."""
-    cases = shapes()
-    apart = np.abs(np.log(cases["capillary_number"] / capillary_number)) + 10 * np.abs(cases["size_ratio"] - size_ratio)
-    row = int(np.argmin(apart))
     middle = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])
     centre = middle + (x - middle[0]) * np.array([1.0, np.tan(tilt)]) + [0.0, across]
-    scene = Scene(
-        cases["profile"][row], cases["silhouette"][row], half_width, SHAPE, centre=tuple(centre), flow=flow, tilt=tilt
-    )
+    shape = outlines(capillary_number, size_ratio)
+    scene = Scene(*shape, half_width, SHAPE, centre=tuple(centre), flow=flow, tilt=tilt)
     return draw(scene, replace(PLAIN, electrons=1e8), seed=1)
 
 

@@ -31,17 +31,10 @@ ERROR, VELOCITY_ERROR = 0.01, 0.01
 def measured(model, count, seed, *, truth=TRUTH, shared=1.0, flows=FLOWS, kind="normal", limit=1.0):
     """Lengths (n, 5) [l] and velocities (n, 2) [m/s] of the capsules of a session, measured with errors.
 
-    The errors of the model are drawn too. Capsules without a steady shape are never seen.
-
-    Parameters
-    ----------
-    shared : float
-        Scale of the errors of viscosity and half width.
-    kind : str
-        Of the population: ``"normal"``; ``"t3"``, t distributions of three degrees of freedom with the spreads as their
-        scales; ``"contaminated"``, one capsule in ten from a population four times as wide.
-    limit : float
-        Limit of steady shapes over that of the model, at most one.
+    The errors of the model are drawn too; those of viscosity and half width are scaled by `shared`. Capsules without a
+    steady shape are never seen; its limit is that of the model times `limit`, at most one. Populations of the kind
+    ``"t3"`` are t distributions of three degrees of freedom with the spreads as their scales, and of one that is
+    ``"contaminated"`` one capsule in ten is from a population four times as wide.
     """
     rng = np.random.default_rng(seed)
     viscosity = VISCOSITY[0] + shared * VISCOSITY[1] * rng.standard_normal()
@@ -82,13 +75,7 @@ def drawn_population(model, count, seed, *, shared=1.0, **how):
 def measurements(lengths, velocities):
     """What `measured` returned as measurements; L_a is at most L_z."""
     return [
-        Measurement(
-            extent,
-            np.sqrt(zz),
-            *velocity,
-            axial_length=min(length, extent),
-            axial_length_error=np.sqrt(aa),
-        )
+        Measurement(extent, np.sqrt(zz), *velocity, axial_length=min(length, extent), axial_length_error=np.sqrt(aa))
         for (extent, length, zz, _, aa), velocity in zip(lengths, velocities, strict=True)
     ]
 

@@ -43,19 +43,9 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None, 
         edge = None
         if outline:
             edge = _edge(rng, model(theta | {"capillary_number": np.array([ca])}, outline=True).outline[0], noise)
-        measurements.append(
-            Measurement(
-                float(seen[0]),
-                noise,
-                velocity * rng.normal(1.0, 0.01),
-                0.01 * velocity,
-                float(seen[1]),
-                noise,
-                outline=edge,
-                flow_rate=rate,
-                flow_rate_error=rate,
-            )
-        )
+        lengths, speed = seen.tolist(), (velocity * rng.normal(1.0, 0.01), 0.01 * velocity)
+        flow = {"flow_rate": rate, "flow_rate_error": rate}
+        measurements.append(Measurement(lengths[0], noise, *speed, lengths[1], noise, outline=edge, **flow))
         truth["log_modulus"].append(log_modulus)
         truth["size_ratio"].append(size)
         truth["log_ca"].append(np.log(ca))

@@ -91,19 +91,10 @@ LEVELS = (0.5, 0.9, 0.95)
 
 
 def mistakes(ranks) -> list[str]:
-    """Judge posterior probabilities of the truth, which an honest engine makes uniform.
+    """Judge posterior probabilities below the truth, which an honest engine makes uniform.
 
-    Parameters
-    ----------
-    ranks : (n,) array
-        Posterior probability below the truth, of each capsule.
-
-    Returns
-    -------
-    list of str
-        Coverage of the central 50, 90 and 95 % outside its binomial band of 99.9 %, a histogram of the ranks whose
-        chi-squared is beyond 99.9 %, or normal scores whose spread is outside its band of 99.9 %; empty for an honest
-        engine.
+    Coverage of the central 50, 90 and 95 % outside its binomial band of 99.9 %, a histogram of the ranks whose
+    chi-squared is beyond 99.9 %, and normal scores whose spread is outside its band of 99.9 % are mistakes.
     """
     found, count = [], len(ranks)
     for level in LEVELS:

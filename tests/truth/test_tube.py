@@ -4,11 +4,8 @@ Its errors are below 1e-5. Where the belly is compressed (no pre-inflation, a/R 
 unstable: the membrane wrinkles about the axis.
 """
 
-import json
-import runpy
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +16,7 @@ from capsbayes.physics.continuation import parachute
 from capsbayes.physics.load import profile
 from capsbayes.physics.steady import steady_state
 from capsbayes.physics.transient import growth_rates
-
-EVIDENCE = Path(__file__).parents[2] / "evidence"
-RESULTS = EVIDENCE / "results"
+from evidence.benchmarks import bending
 
 
 def test_inflated_capsule_from_rest():
@@ -88,28 +83,20 @@ def test_wrinkled_capsule_is_longer_on_its_axis():
 
 @pytest.mark.slow
 def test_an_entry_of_the_table_of_falling_stiffness_is_found_again():
-    """Ca = 0.02, a/R = 0.8, B = 2e-4, refinement 6 of `evidence/bending.py`; L_z is within 1 % of the limit B -> 0."""
-    script = runpy.run_path(str(EVIDENCE / "bending.py"))
-    stored = json.loads((RESULTS / "bending.json").read_text())["tube 6 0.0002"]
-    assert script["tube"](6, 2e-4) == pytest.approx(stored, rel=1e-5)
+    """Ca = 0.02, a/R = 0.8, B = 2e-4, refinement 6; L_z is within 1 % of the limit B -> 0."""
+    stored = bending.STORED.read()["tube 6 0.0002"]
+    assert bending.tube(6, 2e-4) == pytest.approx(stored, rel=1e-5)
     assert stored[0] == pytest.approx(1.49586, rel=0.01)
     assert stored[1] == pytest.approx(1.36403, rel=0.01)
-
-
-def test_the_page_on_bending_shows_what_is_stored():
-    script = runpy.run_path(str(EVIDENCE / "bending.py"))
-    stored = json.loads((RESULTS / "bending.json").read_text())
-    assert script["page"](stored) == (RESULTS / "bending.md").read_text()
 
 
 @pytest.mark.parametrize(("quantity", "unbent"), [(0, 1.49586), (1, 1.36403)])
 def test_lengths_tend_to_those_without_bending(quantity, unbent):
     """Ca = 0.02, a/R = 0.8: at every B they are shorter, and their limit is that of the solver without bending."""
-    script = runpy.run_path(str(EVIDENCE / "bending.py"))
-    stored = json.loads((RESULTS / "bending.json").read_text())
-    lengths = [stored[f"tube {script['MESHES'][-1]} {bending:g}"][quantity] for bending in script["BENDINGS"]]
+    stored = bending.STORED.read()
+    lengths = [stored[f"tube {bending.MESHES[-1]} {stiffness:g}"][quantity] for stiffness in bending.BENDINGS]
     assert np.all(np.diff(lengths) > 0)
     assert lengths[-1] < unbent
-    end, power = script["limit"](stored, quantity)
+    end, power = bending.limit(stored, quantity)
     assert end == pytest.approx(unbent, rel=2e-3)
     assert 0.2 < power < 0.8

@@ -86,7 +86,7 @@ def test_two_capsules_that_overlap_are_refused():
 
 def test_the_table_has_a_row_for_each_condition_and_counts_all_pictures():
     made = {name: conditions.summary(rows(name)) for name in ("none", "two capsules overlap")}
-    lines = conditions.table(made).splitlines()
+    lines = conditions.tables(made)["conditions"].splitlines()
     assert [len(line.split("|")) for line in lines] == [len(conditions.HEAD) + 2] * 4
     assert lines[2].startswith(f"| none | {CAPSULES} |")
     assert sum(made["two capsules overlap"]["statuses"].values()) == CAPSULES

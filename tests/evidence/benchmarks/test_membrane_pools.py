@@ -65,8 +65,9 @@ def test_a_capsule_is_identified_from_its_errors(kind):
     row, capsule = next(iter(membrane_coverage.capsules().items()))
     seen, truth = membrane_coverage.measured(kind, *capsule, np.random.default_rng([7, row]))
     assert abs(seen.axial_extent - capsule[1][0]) < 5 * membrane_coverage.LENGTH_ERROR
-    found = membrane_coverage.identified(kind, "unknown", seen, truth)
+    found = membrane_coverage.identified(kind, "unknown", row, capsule)
     assert not found["refused"]
+    assert found["truth"] == truth
     interval = found["found"]["surface_shear_modulus"]
     assert interval["lower_95"] < interval["median"] < interval["upper_95"]
     assert truth["capsule_radius"] == pytest.approx(found["found"]["capsule_radius"]["median"], rel=0.1)
