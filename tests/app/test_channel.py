@@ -10,8 +10,8 @@ pytest.importorskip("nicegui", reason="the extra app is not installed")
 from nicegui import ui
 from nicegui.testing import user_simulation
 
+from capsbayes.app.channel import ChannelStep
 from capsbayes.app.desk import Bench, Desk
-from capsbayes.app.steps.channel import ChannelStep
 from capsbayes.experiment import Experiment
 from capsbayes.quantity import Quantity
 

@@ -1,26 +1,26 @@
-"""Several files on the page: each has a velocity of its own, or all have the flow rate of step 3."""
+"""Several files on the page, each with a velocity of its own or the flow rate of step 3; and all capsules together."""
 
 import asyncio
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("nicegui")
+pytest.importorskip("nicegui", reason="the extra app is not installed")
+
 from nicegui import ui
 from nicegui.testing import user_simulation
 
+from capsbayes.app import many
 from capsbayes.app.desk import Bench, Desk
-from capsbayes.app.steps.many import ManyStep
 
 PICTURE = Path("examples/pictures/capsule.png").read_bytes()
+CHANNEL = {"cross_section": "square", "half_width": "25 um", "viscosity": "0.8 Pa s"}
+SUMMARY = {"surface_shear_modulus": (0.05, 0.002), "capsule_radius": (23.5e-6, 0.2e-6)}
 
 
-def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(tmp_path, monkeypatch):
-    """Step 3 holds the velocity of one capsule: no file is measured with it."""
-    bench = Bench(tmp_path)
-    desk, made = Desk(bench, experiment={"cross_section": "square", "half_width": "25 um", "viscosity": "0.8 Pa s"}), []
-    desk.stated.velocity = "4.86 +/- 0.04 mm/s"
+def statuses(desk, monkeypatch):
+    """What is said of two pictures that are given at once, and measured."""
+    made = []
 
     async def shown(task, **how):
         return {"rows": 160, "columns": 220, "src": "", "count": 1}
@@ -28,23 +28,28 @@ def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(t
     async def chosen(folder):
         raise AssertionError(folder)
 
-    async def told():
-        async with user_simulation(lambda: made.append(ManyStep(desk, lambda: None, chosen))) as user:
+    async def pressed():
+        async with user_simulation(lambda: made.append(many.ManyStep(desk, lambda: None, chosen))) as user:
             await user.open("/")
-            upload = next(one for one in user.find(ui.upload).elements)
-            files = [ui.upload.SmallFileUpload(name, "", PICTURE) for name in ("a.png", "b.png")]
-            await upload.handle_uploads(files)
+            upload = next(iter(user.find(ui.upload).elements))
+            await upload.handle_uploads([ui.upload.SmallFileUpload(name, "", PICTURE) for name in ("a.png", "b.png")])
             while len(made[-1]._files) < 2:
                 await asyncio.sleep(0.05)
             user.find("Measure them all").click()
-            while any(file.status.text == "waits" for file in made[-1]._files):
+            while any(file.status.text in ("waits", "is measured") for file in made[-1]._files):
                 await asyncio.sleep(0.05)
             return {file.status.text for file in made[-1]._files}
 
-    monkeypatch.setattr(bench.measuring, "run", shown)
-    said = asyncio.run(asyncio.wait_for(told(), 60))
+    monkeypatch.setattr(desk.bench.measuring, "run", shown)
+    return asyncio.run(asyncio.wait_for(pressed(), 60))
+
+
+def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(tmp_path, monkeypatch):
+    """Step 3 holds the velocity of one capsule: no file is measured with it."""
+    desk = Desk(Bench(tmp_path), experiment=CHANNEL)
+    desk.stated.velocity = "4.86 +/- 0.04 mm/s"
     expected = "Its velocity is missing: that of step 3 is of one capsule."
-    assert said == {f"{expected} Type the file's own, or the flow rate in step 3."}
+    assert statuses(desk, monkeypatch) == {f"{expected} Type the file's own, or the flow rate in step 3."}
     assert not list(tmp_path.glob("**/measurement.toml"))
 
 
@@ -52,9 +57,35 @@ def test_what_a_command_refuses_is_told_without_its_options(tmp_path, monkeypatc
     async def printed_by(*_, **__):
         return 2, "capsbayes: --frame-rate: expected a rate, got nothing; give --frame-rate"
 
-    monkeypatch.setattr("capsbayes.app.steps.many.printed_by", printed_by)
-    told = SimpleNamespace(text="", classes=lambda **_: None)
-    one = SimpleNamespace(folder=tmp_path, name="film.avi", status=told, waiting=True)
-    step = SimpleNamespace(_progress=None)
-    assert not asyncio.run(ManyStep._one(step, one, ["capsbayes", "measure"]))
-    assert told.text == "frame rate: expected a rate, got nothing; give frame rate"
+    monkeypatch.setattr(many, "printed_by", printed_by)
+    desk = Desk(Bench(tmp_path), experiment=CHANNEL)
+    desk.stated.flow_rate = "0.56 uL/min"
+    assert statuses(desk, monkeypatch) == {"frame rate: expected a rate, got nothing; give frame rate"}
+
+
+@pytest.mark.parametrize("place", ["capsule", "film/capsule-1", "cells/event-0"])
+def test_the_next_flow_rate_is_computed_for_the_last_capsule_wherever_it_is_kept(place, tmp_path, monkeypatch):
+    ran = []
+
+    async def noted(words, folder, watch):
+        ran.append((words, folder))
+        return 0, "printed"
+
+    monkeypatch.setattr(many, "printed_by", noted)
+    kept = tmp_path / place / "measurement.toml"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+
+    async def pressed():
+        desk = Desk(Bench(tmp_path), folder=kept.parent)
+        async with user_simulation(lambda: many.PopulationStep(desk).grown(SUMMARY)) as user:
+            await user.open("/")
+            user.find("At which flow rate next?").click()
+            await user.should_see("printed")
+
+    asyncio.run(pressed())
+    ((words, folder),) = ran
+    assert words[:2] == ["sensitivity", "flow"]
+    assert folder / words[words.index("--like") + 1] == kept
+    assert words[words.index("--radius") + 1] == "23.5 +/- 0.2 um"
+    assert words[words.index("--shear-modulus") + 1] == "50 +/- 2 mN/m"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.app.stated import OfMany, Stated, new_folder, safe_name, said
+from capsbayes.app.stated import Stated, measure_command, new_folder, safe_name, said
 from capsbayes.errors import InputError
 from capsbayes.status import Status
 
@@ -58,20 +58,16 @@ def test_the_commands_state_what_is_stated_and_nothing_else():
     assert report == ["capsbayes", "report", ".", "--out", "report.html"]
 
 
+EACH = {"--velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s"}
+SHARED = {"--pixel-size": "0.34 um", "--shared-velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s"}
+
+
 @pytest.mark.parametrize(
     ("name", "film", "options"),
-    [
-        ("a.avi", True, {"--frame-rate": "400 Hz"}),
-        (
-            "a.rtdc",
-            False,
-            {"--shared-velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s", "--pixel-size": "0.34 um"},
-        ),
-        ("a.png", False, {"--velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s"}),
-    ],
+    [("a.avi", True, {"--frame-rate": "400 Hz"}), ("a.rtdc", False, SHARED), ("a.png", False, EACH)],
 )
 def test_each_kind_of_file_is_measured_with_the_options_that_it_takes(name, film, options):
-    stated = OfMany("1 uL/s", "400 Hz", "0.34 um")
-    words = stated.command(name, film=film, velocity="6 +/- 1 mm/s")
+    stated = {"flow_rate": "1 uL/s", "frame_rate": "400 Hz", "pixel_size": "0.34 um", "flow": ""}
+    words = measure_command(name, film=film, velocity="6 +/- 1 mm/s", **stated)
     assert words[:5] == ["capsbayes", "measure", name, "--experiment", "experiment.toml"]
     assert dict(zip(words[5::2], words[6::2], strict=True)) == {**options, "--out": "."}

@@ -1,14 +1,16 @@
-"""The whole way in a real browser: from a drawn picture to the saved report, whose interval of G_s holds the truth.
+"""The page in a real browser: from a picture to the saved report, by the mouse and by the keyboard alone, and on.
 
-With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the same test renews the pictures of ``docs/app.md``.
+With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the first test renews the pictures of ``docs/app.md``.
 """
 
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,13 +18,17 @@ import numpy as np
 import pytest
 from browser import needs_browser
 from drawn import dirty, drawn, shapes
+from processes import members, wait_until
+from sessions import EXPERIMENT, drawn_session
 
 from capsbayes.infer import Posterior
+from capsbayes.status import Status
+from capsbayes.surrogate import Surrogate
 
 pytest.importorskip("nicegui", reason="the extra app is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from walk import FIELDS, WAIT, dragged, filled, opened, ready, sync
+from walk import FIELDS, WAIT, chromium, dragged, filled, opened, ready, served, sync
 
 pytestmark = [needs_browser, pytest.mark.slow]
 
@@ -30,6 +36,27 @@ CA, SIZE, VISCOSITY, VELOCITY = 0.08, 1.05, 0.85, 6.2e-3
 EXAMPLES = Path(__file__).parents[2] / "examples" / "pictures"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
 LARGEST, WIDEST, QUALITY = 200_000, 1000, (cv2.IMWRITE_JPEG_QUALITY, 75)  # bytes and px of a picture of the docs
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Folder of a bench that is served, and its address."""
+    folder = tmp_path_factory.mktemp("bench") / "capsules"
+    with served(folder) as (_, address):
+        yield folder, address
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture
+def picture(tmp_path):
+    path = tmp_path / "capsule.png"
+    cv2.imwrite(str(path), drawn(CA, SIZE, half_width=55.0).picture)
+    return path
 
 
 def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
@@ -148,6 +175,164 @@ def test_a_file_that_is_no_picture_is_refused_in_one_line_and_leaves_nothing(ben
     page.get_by_text("expected a picture (PNG, TIFF or JPEG)").wait_for()
     assert not (bench[0] / "broken").exists()
     page.close()
+
+
+def test_a_wall_is_dragged_a_part_is_drawn_and_the_flow_is_turned_by_the_mouse(bench, browser, picture):
+    page, said = opened(browser, bench[1])
+    page.locator("input[type=file]").first.set_input_files(picture)
+    page.get_by_text("The capsule was measured").wait_for()
+    page.get_by_text("Put something right by hand").click()
+    turn = page.get_by_role("button", name="Turn the flow round")
+    turn.click()
+    page.get_by_text(str(Status.WRONG_FLOW)).first.wait_for()
+    turn.click()
+    page.get_by_text("The capsule was measured, the flow is to the right").wait_for()
+    page.get_by_text("draw it in the picture").click()
+    dragged(page, (8.0, 20.0), (190.0, 180.0))
+    page.locator(".bench-overlay rect.crop").wait_for()
+    part = list(map(float, page.get_by_label("Part: left, top, width, height").input_value().split(",")))
+    assert part == pytest.approx([8.0, 20.0, 183.0, 161.0], abs=1.6)
+    page.get_by_text("The capsule was measured").wait_for()
+    wall = page.get_by_role("slider", name="Lower wall")
+    before = float(wall.get_attribute("aria-valuenow"))
+    dragged(page, (30.0, before), (40.0, before + 3.0))
+    page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+    assert float(wall.get_attribute("aria-valuenow")) == pytest.approx(before + 3.0, abs=0.6)
+    upper, lower = map(float, page.get_by_label("Rows of the two walls").input_value().split(","))
+    assert lower == pytest.approx(before + 3.0, abs=0.6)
+    assert lower - upper == pytest.approx(113.0, abs=1.0)
+    assert said == []
+    page.close()
+
+
+def test_the_whole_way_is_gone_by_the_keyboard_alone(bench, browser, picture):
+    page, said = opened(browser, bench[1])
+    with page.expect_file_chooser() as chooser:
+        tabbed(page, page.locator(".bench-upload").first.locator(".q-uploader__header a, .q-uploader__header button"))
+        page.keyboard.press("Enter")
+    chooser.value.set_files(picture)
+    page.get_by_text("The capsule was measured").wait_for()
+    wall = page.get_by_role("slider", name="Upper wall")
+    before = float(wall.get_attribute("aria-valuenow"))
+    tabbed(page, wall)
+    page.keyboard.press("ArrowDown")
+    page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+    assert float(wall.get_attribute("aria-valuenow")) == pytest.approx(before + 0.5, abs=0.11)
+    tabbed(page, page.get_by_role("button", name="Put something right by hand"))
+    page.keyboard.press("Enter")
+    tabbed(page, page.get_by_role("button", name="Find everything again"))
+    page.keyboard.press("Enter")
+    page.locator(".bench-overlay .wall.stated").first.wait_for(state="detached")
+    for label, texts in FIELDS.items():
+        for name, text in zip((label, f"{label}, error"), texts, strict=True):
+            tabbed(page, page.get_by_label(name, exact=True))
+            page.keyboard.type(text)
+    identify = ready(page.get_by_role("button", name="Identify", exact=True).first)
+    tabbed(page, identify)
+    page.keyboard.press("Enter")
+    page.locator(".bench-headline").first.wait_for()
+    tabbed(page, ready(page.get_by_role("button", name="Save the report")))
+    page.keyboard.press("Enter")
+    link = page.get_by_role("link", name="Open the report")
+    link.wait_for()
+    with page.context.expect_page() as report:
+        tabbed(page, link)
+        page.keyboard.press("Enter")
+    report.value.get_by_text("The computation succeeded").first.wait_for()
+    assert said == []
+    page.close()
+
+
+def tabbed(page, target, most=150):
+    """Press Tab until the focus is on an element or within it."""
+    for _ in range(most):
+        page.keyboard.press("Tab")
+        if target.evaluate("one => one.contains(document.activeElement)"):
+            return
+    raise AssertionError(f"not reached by the keyboard: {target}")
+
+
+def test_a_capsule_of_a_film_is_identified_as_its_commands_say_and_leads_to_the_next_flow_rate_and_the_population(
+    browser, tmp_path
+):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = opened(browser, address)
+        flow, together = (page.get_by_role("button", name=name) for name in ("At which flow rate", "Look at all"))
+        sync.expect(flow).to_be_disabled()
+        page.locator("input[type=file][multiple]").set_input_files(EXAMPLES / "film.avi")
+        filled(page, FIELDS | {"Frame rate of a film": ("400", "")})
+        ready(page.get_by_role("button", name="Measure them all")).click()
+        ready(page.get_by_label("Identify capsule-1 of film.avi")).click()
+        page.get_by_text("capsule-1 of film").first.wait_for()
+        ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+        ready(page.get_by_role("button", name="Save the report")).click()
+        page.get_by_role("link", name="Open the report").wait_for()
+        change, identify, report = page.locator(".bench-columns .bench-commands").inner_text().splitlines()
+        folder = Path(shlex.split(change)[1])
+        assert folder == tmp_path / "bench" / "film" / "capsule-1"
+        saved = {path: path.read_bytes() for path in folder.iterdir() if not path.name.startswith(".")}
+        assert {"measurement.toml", "posterior.nc", "report.html"} <= {path.name for path in saved}
+        for line in (identify, report):
+            assert subprocess.run([SCRIPT, *shlex.split(line)[1:]], cwd=folder, check=False).returncode == 0
+        assert {path: path.read_bytes() for path in saved} == saved
+        ready(flow).click()
+        page.get_by_text("--like film/capsule-1/measurement.toml").wait_for()
+        assert page.get_by_text("The expected capsule reaches the limit of existence").is_visible()
+        ready(together).click()
+        link = page.get_by_role("link", name="Open population.html")
+        link.wait_for()
+        report = page.context.request.get(link.evaluate("link => link.href"))
+        assert report.status == 200
+        diagnose = page.get_by_role("button", name="What does the model miss? from 10 capsules on")
+        sync.expect(diagnose).to_be_disabled()
+        assert said == []
+        page.close()
+
+
+def test_twelve_capsules_are_diagnosed_behind_a_bar(browser, tmp_path):
+    bench = tmp_path / "bench"
+    session, _ = drawn_session(Surrogate.open("square-neo-hookean"), 12, seed=7)
+    for number, measurement in enumerate(session.measurements):
+        folder = bench / f"capsule-{number}"
+        folder.mkdir(parents=True)
+        EXPERIMENT.write(folder / "experiment.toml")
+        replace(measurement, experiment_file=folder / "experiment.toml").write(folder / "measurement.toml")
+    with served(bench) as (_, address):
+        page, said = opened(browser, address)
+        page.get_by_text("12 capsules in").wait_for()
+        ready(page.get_by_role("button", name="What does the model miss?", exact=True)).click()
+        link = page.get_by_role("link", name="Open study.html")
+        link.wait_for()
+        study = page.context.request.get(link.evaluate("link => link.href"))
+        assert (study.status, "12 capsules" in study.text()) == (200, True)
+        assert said == []
+        page.close()
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 2.0])
+def test_a_server_that_is_killed_while_it_saves_again_loses_nothing_that_was_saved(browser, picture, tmp_path, seconds):
+    bench = tmp_path / "bench"
+    with served(bench) as (server, address):
+        page, _ = opened(browser, address)
+        page.locator("input[type=file]").first.set_input_files(picture)
+        filled(page, FIELDS)
+        ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+        save = ready(page.get_by_role("button", name="Save the report"))
+        save.click()
+        page.get_by_role("link", name="Open the report").wait_for()
+        saved = {path: path.read_bytes() for path in (bench / "capsule").iterdir() if not path.name.startswith(".")}
+        assert {"report.html", "posterior.nc", "measurement.toml"} <= {path.name for path in saved}
+        ready(save).click()
+        page.wait_for_timeout(1e3 * seconds)
+        server.send_signal(signal.SIGKILL)
+        server.wait()
+        wait_until(lambda: not members(server.pid))  # what computes ends with the server
+        page.close()
+    assert {path: path.read_bytes() for path in saved} == saved
+    with served(bench) as (_, address):
+        page, _ = opened(browser, address)
+        page.get_by_text("1 capsule in").wait_for()
+        page.close()
 
 
 def kept(page, name, folder: Path, part=None):

@@ -124,12 +124,12 @@ def test_options_that_do_not_fit_are_one_line(capsule, options, message):
 
 
 def test_an_error_while_writing_leaves_nothing_behind(capsule, database, tmp_path, monkeypatch):
-    import capsbayes.report
+    from capsbayes.report import posterior_figures
 
     def broken(posterior, names):
         raise RuntimeError("no ink")
 
-    monkeypatch.setattr(capsbayes.report, "corner_plot", broken)
+    monkeypatch.setattr(posterior_figures, "corner_plot", broken)
     result = run(capsule, "--database", database, "--engine", "quadrature", "--out", tmp_path / "result")
     assert str(result.exception) == "no ink"
     assert not (tmp_path / "result").exists()

@@ -7,7 +7,7 @@ import pytest
 from browser import needs_browser, seen_in_browser
 from results import grown, population, posterior
 
-from capsbayes.report.write import report_page
+from capsbayes.report import write_report
 
 pytestmark = needs_browser
 
@@ -31,22 +31,26 @@ return headings.map((heading, k) => {
 WORDS = (1, 2)  # columns of names and of statuses
 
 
+def page_of(result, folder):
+    return write_report(result, folder / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
-def population_of_30():
-    return report_page(grown(30))
+def population_of_30(tmp_path_factory):
+    return page_of(grown(30), tmp_path_factory.mktemp("population"))
 
 
 @pytest.mark.parametrize(
     ("made", "pictures"),
     [
-        (lambda: report_page(posterior()), 2),
-        (lambda: report_page(population()), 0),  # its figures are drawn within the page
-        (lambda: report_page(manufactured.database(2, 3)), 2),
+        (posterior, 2),
+        (population, 0),  # its figures are drawn within the page
+        (lambda: manufactured.database(2, 3), 2),
     ],
     ids=("posterior", "population", "database"),
 )
 def test_pictures_load_nothing_is_too_wide_and_the_console_is_silent(tmp_path, made, pictures):
-    seen = seen_in_browser(made(), LOADED, tmp_path, widths=(360, 1200))
+    seen = seen_in_browser(page_of(made(), tmp_path), LOADED, tmp_path, widths=(360, 1200))
     for width in (360, 1200):
         assert seen.found[width] == {"pictures": [True] * pictures, "width": width, "overflow": 0}
     assert seen.console == []

@@ -28,12 +28,8 @@ class Bench:
         self.measuring, self.identifying = Worker("capsbayes.app.measuring"), Worker("capsbayes.app.identifying")
         self._offered: dict[str, Path] = {}
 
-    def start(self) -> None:
-        """Start the process that measures; that of posteriors is started with the first picture, and has time then."""
-        self.measuring.start()
-
     def stop(self) -> None:
-        """End them."""
+        """End both processes."""
         self.measuring.stop()
         self.identifying.stop()
 
@@ -63,16 +59,9 @@ LONGEST = 1200.0
 
 @dataclass
 class Desk:
-    """What one tab of the browser works on.
+    """What one tab of the browser works on: the folder of its capsule, once there is one, and what is stated.
 
-    Parameters
-    ----------
-    bench : Bench
-    stated : Stated
-    folder : Path, optional
-        Of the capsule; None before a picture was given.
-    experiment : mapping of str to str
-        What is stated of channel, liquid and camera, as texts by their keys; those of the camera under ``"camera"``.
+    `experiment` is what is stated of channel and liquid, as texts by their keys; of the camera under ``"camera"``.
     """
 
     bench: Bench

@@ -1,43 +1,89 @@
-"""Fields of a form: a number with its error and its unit, which together are a text like "25.0 +/- 0.2 um"."""
+"""Parts of the page: a step, fields, uploads, a bar of progress, lines for a terminal, and the picture."""
 
 from __future__ import annotations
 
+import html
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from types import TracebackType
+from typing import Any
 
 from nicegui import ui
+from nicegui.element import Element
+
+from capsbayes.app.desk import MOST_BYTES
 
 _PAIR = re.compile(r"^\s*(?P<value>[^\s+]+)(?:\s*\+/-\s*(?P<error>\S+))?(?:\s+(?P<unit>\S.*))?$")
 _WITH_UNIT = re.compile(r"[^\W\d_eE]|°")  # a letter that is no exponent's
+FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the left"}
+
+
+def step(title: str) -> ui.card:
+    """Return the card of a step of the page, to be filled."""
+    card = ui.card().classes("bench-step")
+    with card:
+        ui.html(f"<h2>{title}</h2>", sanitize=False)
+    return card
+
+
+def notice(kind: str = "bench-told") -> ui.label:
+    """Return a label that says how something went, also to a reader of screens."""
+    return ui.label().classes(kind).props('role="status"')
+
+
+def result() -> ui.column:
+    """Return the place of a result, which a reader of screens reads out."""
+    return ui.column().classes("bench-result").props('aria-live="polite"')
+
+
+def choice(label: str, options: Any, value: str, **how: Any) -> ui.select:
+    """Return a field with options to choose from."""
+    return ui.select(options, label=label, value=value, **how).props("dense outlined").classes("bench-choice")
+
+
+def button(text: str, pressed: Callable[..., Any], look: str = "outline ") -> ui.button:
+    """Return a button."""
+    return ui.button(text, on_click=pressed).props(f"{look}no-caps")
+
+
+def upload(
+    label: str, kinds: Iterable[str], given: Callable[..., Any], mark: str, rejected: str = "", **how: Any
+) -> ui.upload:
+    """Return a place to drop files of some kinds, which says why it rejects a large one."""
+    if rejected:
+        how |= {"max_file_size": MOST_BYTES, "on_rejected": lambda: ui.notify(rejected, type="negative")}
+    place = ui.upload(label=label, auto_upload=True, on_upload=given, **how)
+    return place.props(f'accept="{",".join(kinds)}" flat bordered').classes("bench-upload").mark(mark)
+
+
+def show_lines(text: str) -> None:
+    """Show what is printed, or lines of a terminal, as they are."""
+    ui.html(f"<pre class='bench-commands' tabindex='0'>{html.escape(text)}</pre>", sanitize=False)
+
+
+def show_commands(lines: Iterable[str], what: str) -> None:
+    """Show commands, and what they do."""
+    ui.label(f"In a terminal, these lines {what}:")
+    show_lines("\n".join(lines))
 
 
 class QuantityField:
-    """A number, its standard error and its unit.
+    """A number, its standard error and its unit, which together are a text like "25.0 +/- 0.2 um".
 
-    Parameters
-    ----------
-    label : str
-    units : sequence of str
-        Units to choose from, the first of which is there at the beginning; empty for a ratio.
-    changed : function, optional
-        Called after a change.
+    The first of the units is there at the beginning; a ratio has none.
     """
 
-    def __init__(self, label: str, units: Sequence[str], changed: Callable[[], object] | None = None) -> None:
-        def told() -> None:
-            if changed is not None:
-                changed()
-
+    def __init__(self, label: str, units: Sequence[str] = (), changed: Callable[[], object] = lambda: None) -> None:
         with ui.row(wrap=False).classes("bench-quantity"):
-            self._value = ui.input(label, on_change=told).props("dense outlined").classes("value")
+            self._value = ui.input(label, on_change=changed).props("dense outlined").classes("value")
             ui.label("±").classes("sign")
-            self._error = ui.input("error", on_change=told).props(f'dense outlined aria-label="{label}, error"')
-            self._error.classes("error")
+            self._error = ui.input("error", on_change=changed).classes("error")
+            self._error.props(f'dense outlined aria-label="{label}, error"')
             self._unit = None
             if units:
                 shown = {unit: unit.replace("um", "µm").replace("us", "µs") for unit in units}
-                chosen = ui.select(shown, value=units[0], on_change=told)
-                self._unit = chosen.props(f'dense outlined aria-label="{label}, unit"').classes("unit")
+                self._unit = ui.select(shown, value=units[0], on_change=changed).classes("unit")
+                self._unit.props(f'dense outlined aria-label="{label}, unit"')
 
     @property
     def text(self) -> str:
@@ -50,11 +96,64 @@ class QuantityField:
 
     @text.setter
     def text(self, text: str) -> None:
-        found = _PAIR.match(text)
-        unit = "" if found is None else found["unit"] or ""
-        known = self._unit is None and not unit
-        if found is not None and self._unit is not None and unit in (self._unit.options or []):
-            known = True
+        pair = _PAIR.match(text)
+        unit = "" if pair is None else pair["unit"] or ""
+        if pair is None or unit not in ([""] if self._unit is None else self._unit.options):
+            self._value.value, self._error.value = text, ""
+            return
+        if self._unit is not None:
             self._unit.value = unit
-        self._value.value = found["value"] if found is not None and known else text
-        self._error.value = (found["error"] or "") if found is not None and known else ""
+        self._value.value, self._error.value = pair["value"], pair["error"] or ""
+
+
+class Progress:
+    """A bar, and how much is done in words; ``with`` shows it while something is computed."""
+
+    def __init__(self) -> None:
+        with ui.column().classes("bench-progress") as self._all:
+            self._bar = ui.linear_progress(show_value=False).props('indeterminate aria-label="computing"')
+            self._words = ui.label().classes("bench-told")
+        self._all.visible = False
+
+    def show(self, done: float, total: float | None, what: str) -> None:
+        """Show how much of something is done."""
+        self._bar.props(remove="indeterminate" if total else "", add="" if total else "indeterminate")
+        self._bar.value = done / total if total else 0.0
+        self._words.text = f"{done:g} of {total:g} {what}" if total else f"{done:g} {what}"
+
+    def __enter__(self) -> None:
+        self._bar.props("indeterminate")
+        self._words.text = ""
+        self._all.visible = True
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._all.visible = False
+
+
+class Overlay(Element, component="overlay.js"):
+    """A picture with lines over it, with walls that can be dragged, and boxes that can be drawn.
+
+    The first function is called with the rows of the upper and the lower wall at both borders once a wall was moved,
+    the second with left column, upper row, width and height of a box that was drawn.
+    """
+
+    def __init__(self, on_walls: Callable[[list[float]], Any], on_box: Callable[[list[float]], Any]) -> None:
+        super().__init__()
+        self._props.update(rows=1, columns=1)  # until there is a picture
+        self.on("walls", lambda event: on_walls(event.args))
+        self.on("box", lambda event: on_box(event.args))
+
+    def show(self, picture: dict[str, Any]) -> None:
+        """Show another picture, without lines."""
+        self.put(**{key: picture[key] for key in ("src", "rows", "columns")})
+        self.draw({})
+
+    def draw(self, lines: dict[str, Any], *, by_hand: bool = False) -> None:
+        """Draw lines, and remove those that are not given."""
+        names = ("walls", "outline", "rear", "predicted", "crop", "erased")
+        self.put(**{name: lines.get(name) for name in names}, **{"by-hand": by_hand})
+
+    def put(self, **properties: Any) -> None:
+        """Change properties of the component: ``predicted``, the predicted outline, or ``drawing``, to draw a box."""
+        self._props.update(properties)
+        self.update()

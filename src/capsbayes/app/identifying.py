@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from capsbayes.app.measuring import detected
 from capsbayes.app.stated import EXPERIMENT, SEED, Stated, said
@@ -31,85 +31,83 @@ from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
 from capsbayes.report.numbers import value_words
 from capsbayes.report.page import picture as figure_html
-from capsbayes.report.posterior_figures import SHOWN, corner_plot, on_picture
+from capsbayes.report.posterior_figures import SHOWN, corner_of_all, on_picture
 from capsbayes.report.tables import html_table, typeset
 from capsbayes.report.write import opened, write_report
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
-_Seen = tuple[Picture, Detection]
-_KEPT: dict[str, tuple[Stated, _Seen | None, Measurement, Posterior]] = {}  # the last answer of each folder
+
+class _Answer(NamedTuple):
+    """What was stated of a capsule, picture and detection if it was measured in one, and what was found."""
+
+    stated: Stated
+    seen: tuple[Picture, Detection] | None
+    measurement: Measurement
+    posterior: Posterior
+
+
+_KEPT: dict[str, _Answer] = {}  # the last of each folder
 _MOST_KEPT = 4
 
 
 def identified(folder: str, stated: Stated) -> dict[str, Any]:
     """Measure and identify; return the headlines, the tables as HTML, and the predicted outline on the picture."""
     with contextlib.chdir(folder):
-        posterior, seen = _identified(folder, stated)
-    predicted = None
-    if seen is not None and posterior.outlines is not None:
-        predicted = on_picture(band(posterior.outlines)[0], seen[1]).tolist()
+        answer = _answer(folder, stated)
+    posterior, marginals, predicted = answer.posterior, answer.posterior.marginals, None
+    if answer.seen is not None and posterior.outlines is not None:
+        predicted = on_picture(band(posterior.outlines)[0], answer.seen[1]).tolist()
+    budget = texts.budget_table(posterior)
     return {
-        "headlines": [typeset(value_words(name, posterior.marginals[name])) for name in SHOWN[:2]],
+        "headlines": [typeset(value_words(name, marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
         "status": texts.status_words(posterior),
         "caveats": [typeset(said(caveat)) for caveat in texts.caveats(posterior)],
         "quantities": html_table(texts.quantity_table(posterior)),
         "budget_sentence": typeset(texts.budget_sentence(posterior)),
-        "budget": "" if (budget := texts.budget_table(posterior)) is None else html_table(budget),
+        "budget": "" if budget is None else html_table(budget),
         "gates": html_table(texts.check_table(posterior)),
         "predicted": predicted,
-        "summary": {
-            name: (one.median, one.sd)
-            for name in ("surface_shear_modulus", "capsule_radius")
-            for one in (posterior.marginals[name],)
-        },
+        "summary": {name: (marginals[name].median, marginals[name].sd) for name in SHOWN[:2]},
     }
 
 
 def corner(folder: str, stated: Stated) -> str:
     """Return the corner plot of an identified capsule as HTML."""
     with contextlib.chdir(folder):
-        posterior, _ = _identified(folder, stated)
-    names = (*SHOWN, *posterior.prior.uncertain)
-    return str(figure_html(corner_plot(posterior, names), "corner plot of the posterior", png=True))
+        posterior = _answer(folder, stated).posterior
+    return str(figure_html(corner_of_all(posterior), "corner plot of the posterior", png=True))
 
 
 def saved(folder: str, stated: Stated) -> list[str]:
     """Write what ``capsbayes identify --out .`` and ``capsbayes report .`` write; return the names of the files."""
     with contextlib.chdir(folder), guarded():
-        posterior, seen = _identified(folder, stated)
-        measurement = _KEPT[folder][2]
-        here = Path()
+        answer, here = _answer(folder, stated), Path()
         with together():
-            if seen is not None:
-                write_detection(here, *seen, measurement)
-            for name, write in posterior_files(posterior).items():
+            if answer.seen is not None:
+                write_detection(here, *answer.seen, answer.measurement)
+            for name, write in posterior_files(answer.posterior).items():
                 write(here / name)
-        found, source = opened(here)
-        write_report(found, "report.html", source=source)
+        posterior, source = opened(here)
+        write_report(posterior, "report.html", source=source)
         return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
 
 
-def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
-    """Return the posterior of a capsule, and picture and detection if it was measured in a picture.
-
-    They are those of the last call if nothing was stated otherwise since.
-    """
-    known = Measurement.read(stated.measured) if stated.measured else None
-    experiment = Experiment.read((known and known.experiment_file) or EXPERIMENT)
+def _answer(folder: str, stated: Stated) -> _Answer:
+    """Measure and identify, unless nothing was stated otherwise since the last call."""
+    measurement = Measurement.read(stated.measured) if stated.measured else None
+    experiment = Experiment.read((measurement and measurement.experiment_file) or EXPERIMENT)
     kept = _KEPT.get(folder)
-    if kept is not None and kept[0] == stated and kept[3].experiment.sha256 == experiment.sha256:
-        return kept[3], kept[1]
-    found = None if known is not None else detected(stated, experiment)
-    if found is not None:
-        known = measurement_of(found[1], found[0], experiment, *_speeds(stated, experiment))
-    assert known is not None, "read or measured"
-    measurement = known
+    if kept is not None and kept.stated == stated and kept.posterior.experiment.sha256 == experiment.sha256:
+        return kept
+    seen = None
+    if measurement is None:
+        seen = detected(stated, experiment)
+        measurement = measurement_of(seen[1], seen[0], experiment, *_speeds(stated, experiment))
     if not measurement.status.ok:
         raise InputError(stated.picture, "", "a capsule that can be measured", said(measurement.status))
-    view = MID_PLANE if measurement.outline is None else measurement.outline.view
     membrane = Membrane(stated.membrane) if stated.membrane else None
-    model = _opened(experiment.cross_section, view, known=membrane is None)
+    model = _opened(experiment.cross_section, _view(measurement), known=membrane is None)
     posterior = identify(
         measurement, model, experiment, engine=stated.engine, seed=SEED, prior=Prior(), membrane=membrane
     )
@@ -117,8 +115,12 @@ def _identified(folder: str, stated: Stated) -> tuple[Posterior, _Seen | None]:
         posterior = with_other_laws(posterior)
     while len(_KEPT) >= _MOST_KEPT:
         _KEPT.pop(next(iter(_KEPT)))
-    _KEPT[folder] = stated, found, measurement, posterior
-    return posterior, found
+    _KEPT[folder] = _Answer(stated, seen, measurement, posterior)
+    return _KEPT[folder]
+
+
+def _view(measurement: Measurement) -> str:
+    return MID_PLANE if measurement.outline is None else measurement.outline.view
 
 
 @functools.lru_cache(maxsize=4)
@@ -133,14 +135,15 @@ def _speeds(stated: Stated, experiment: Experiment) -> tuple[Quantity | None, Qu
     """Return the velocity and the flow rate of step 3, at least one of them unless mu U is stated there."""
     if experiment.viscous_tension is not None:
         return None, None
-    if stated.flow_rate and not stated.velocity:
-        return None, _with_error("flow rate", stated.flow_rate, "0.56 +/- 0.01 uL/min")
-    speed = _with_error("velocity", stated.velocity, "6.20 +/- 0.06 mm/s")
-    return speed, _with_error("flow rate", stated.flow_rate, "0.56 +/- 0.01 uL/min") if stated.flow_rate else None
+    rate = speed = None
+    if stated.flow_rate:
+        rate = _with_error("flow rate", stated.flow_rate, "flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min")
+    if stated.velocity or rate is None:
+        speed = _with_error("velocity", stated.velocity, "capsule_velocity", "m/s", "6.20 +/- 0.06 mm/s")
+    return speed, rate
 
 
-def _with_error(where: str, text: str, example: str) -> Quantity:
-    name, unit = {"velocity": ("capsule_velocity", "m/s"), "flow rate": ("flow_rate", "m^3/s")}[where]
+def _with_error(where: str, text: str, name: str, unit: str, example: str) -> Quantity:
     read = Quantity.read(text, where=where, key="", units=(unit,), example=example)
     if read.known:
         raise InputError(where, "", f'a standard error, as in "{example}"', repr(text))
@@ -157,8 +160,7 @@ def warm() -> None:
     with contextlib.suppress(CapsbayesError):
         seen = Picture.from_array(drawing.picture)
         measurement = measurement_of(detect(seen), seen, experiment, speed)
-        view = MID_PLANE if measurement.outline is None else measurement.outline.view
-        model = _opened("square", view, known=True)
+        model = _opened("square", _view(measurement), known=True)
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 

@@ -7,12 +7,11 @@ from pathlib import Path
 from nicegui import ui
 
 from capsbayes import __version__
+from capsbayes.app.answer import AnswerStep
+from capsbayes.app.channel import ChannelStep
 from capsbayes.app.desk import Bench, Desk
-from capsbayes.app.steps.answer import AnswerStep
-from capsbayes.app.steps.channel import ChannelStep
-from capsbayes.app.steps.many import ManyStep
-from capsbayes.app.steps.picture import PictureStep
-from capsbayes.app.steps.population import PopulationStep
+from capsbayes.app.many import ManyStep, PopulationStep
+from capsbayes.app.picture import PictureStep
 
 _STYLE = Path(__file__).with_name("bench.css")
 

@@ -15,12 +15,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Thread
 from typing import Any
-from urllib.parse import parse_qs
 
 import uvicorn
 from fastapi import FastAPI
 from nicegui import app as pages
 from nicegui import ui
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.websockets import WebSocketClose
 
 from capsbayes.app.desk import MOST_BYTES, Bench
 from capsbayes.app.page import bench_page
@@ -28,30 +31,22 @@ from capsbayes.errors import InputError
 from capsbayes.interruption import keeping
 
 LOOPBACK = "127.0.0.1"
-_HEADERS = [
-    (b"cache-control", b"no-store"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"SAMEORIGIN"),
-    (
-        b"content-security-policy",
-        b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'self' ws:; form-action 'self'",
-    ),
-]
+_HEADERS = {
+    "cache-control": "no-store",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "SAMEORIGIN",
+    "content-security-policy": "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
+    "connect-src 'self' ws:; form-action 'self'",
+}
 
 
 class Gate:
     """What stands before the pages: it refuses whoever did not open the address, other hosts, and too large uploads.
 
-    The token in the address opens the page once; then a new one is drawn. From then on the browser is known by another
-    secret, in a cookie for a path that is drawn at random, because browsers send cookies to every port of this machine.
-
-    Parameters
-    ----------
-    app : ASGI application
-    port : int
-    used : function, optional
-        Called when the address was used.
+    The token in the address opens the page once; then a new one is drawn, and `used` is called. From then on the
+    browser is known by another secret, in a cookie for a path that is drawn at random, because browsers send cookies to
+    every port of this machine.
     """
 
     def __init__(self, app: Any, port: int, used: Callable[[], object] = lambda: None) -> None:
@@ -69,54 +64,43 @@ class Gate:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        brings = scope["type"] == "http" and self._brings_token(scope)
+        asked = HTTPConnection(scope)
+        brings = scope.get("method") == "GET" and _same(asked.query_params.get("token", ""), self._token)
         within = scope["path"].startswith(f"{self._place}/")
-        if not (within and (brings or self._is_known(headers)) and self._is_here(headers)):
-            await _refuse(scope, send, 403, "This page is opened by the address that capsbayes app printed last.")
+        if not (within and (brings or self._is_known(asked.headers)) and self._is_here(asked.headers)):
+            answer = _refused(403, "This page is opened by the address that capsbayes app printed last.")
+            await (WebSocketClose(1008) if scope["type"] == "websocket" else answer)(scope, receive, send)
         elif brings:
-            await self._let_in(send)
-        elif int(headers.get(b"content-length", "0") or 0) > MOST_BYTES:
-            await _refuse(scope, send, 413, f"At most {MOST_BYTES >> 20} MB.")
+            await self._let_in()(scope, receive, send)
+        elif int(asked.headers.get("content-length", "0") or 0) > MOST_BYTES:
+            await _refused(413, f"At most {MOST_BYTES >> 20} MB.")(scope, receive, send)
         else:
             await self._app({**scope, "root_path": self._place}, _capped(receive), _marked(send))
 
-    def _brings_token(self, scope: Any) -> bool:
-        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        return scope["method"] == "GET" and _same(asked, self._token)
+    def _is_known(self, headers: Headers) -> bool:
+        return any(_same(kept.strip(), self._cookie) for kept in headers.get("cookie", "").split(";"))
 
-    def _is_known(self, headers: dict[bytes, str]) -> bool:
-        return any(_same(kept.strip(), self._cookie) for kept in headers.get(b"cookie", "").split(";"))
-
-    def _is_here(self, headers: dict[bytes, str]) -> bool:
+    def _is_here(self, headers: Headers) -> bool:
         """Refuse the name of another host, by which a foreign page would reach this one, and requests of such pages."""
         here = {f"{name}:{self._port}" for name in (LOOPBACK, "localhost")}
-        origin = headers.get(b"origin", "")
-        return headers.get(b"host", "") in here and (not origin or origin.removeprefix("http://") in here)
+        origin = headers.get("origin", "")
+        return headers.get("host", "") in here and (not origin or origin.removeprefix("http://") in here)
 
-    async def _let_in(self, send: Any) -> None:
+    def _let_in(self) -> Response:
         """Give the cookie to a browser, and send it on to the page, whose address holds no token."""
         self._token = secrets.token_urlsafe(32)
         self._used()
         cookie = f"{self._cookie}; HttpOnly; SameSite=Strict; Path={self._place}/"
-        kind = [(b"content-type", b"text/html; charset=utf-8"), (b"set-cookie", cookie.encode())]
-        await send({"type": "http.response.start", "status": 200, "headers": [*kind, *_HEADERS]})
         # a page of this site, and no redirection: a browser that was sent here by a file would not send the cookie then
-        await send({"type": "http.response.body", "body": _sent_on(f"{self._place}/").encode()})
+        return HTMLResponse(_sent_on(f"{self._place}/"), headers={"set-cookie": cookie, **_HEADERS})
 
 
 def _same(given: str, secret: str) -> bool:
     return hmac.compare_digest(given.encode(), secret.encode())
 
 
-def _marked(send: Any) -> Any:
-    async def marked(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            kept = [(name, value) for name, value in message.get("headers", []) if name.lower() != b"cache-control"]
-            message = {**message, "headers": [*kept, *_HEADERS]}
-        await send(message)
-
-    return marked
+def _refused(status: int, reason: str) -> Response:
+    return PlainTextResponse(reason, status)
 
 
 def _sent_on(address: str) -> str:
@@ -124,6 +108,17 @@ def _sent_on(address: str) -> str:
     place = html.escape(address)
     head = f'<link rel="icon" href="data:,"><meta http-equiv="refresh" content="0;url={place}">'
     return f'<!DOCTYPE html><meta charset="utf-8"><title>capsbayes</title>{head}<a href="{place}">capsbayes</a>'
+
+
+def _marked(send: Any) -> Any:
+    """Return the same stream of an answer, with the headers of all pages."""
+
+    async def marked(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            MutableHeaders(scope=message).update(_HEADERS)
+        await send(message)
+
+    return marked
 
 
 def _capped(receive: Any) -> Any:
@@ -142,40 +137,21 @@ def _capped(receive: Any) -> Any:
     return capped
 
 
-async def _refuse(scope: Any, send: Any, status: int, reason: str) -> None:
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-        return
-    headers = [(b"content-type", b"text/plain; charset=utf-8")]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": reason.encode()})
-
-
-def made(bench: Bench, port: int, used: Callable[[], object]) -> Gate:
-    """Return the application that serves a bench, see `Gate`."""
-    inner = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    inner.include_router(bench.router())
-    pages.on_startup(bench.start)
+def _served(bench: Bench) -> FastAPI:
+    """Return the application that serves a bench; that of posteriors starts with the first picture, and has time."""
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.include_router(bench.router())
+    pages.on_startup(bench.measuring.start)
     pages.on_shutdown(bench.stop)
-    ui.run_with(
-        inner,
-        root=lambda: bench_page(bench),
-        title="capsbayes",
-        dark=None,
-        show_welcome_message=False,
-        tailwind=False,
-        reconnect_timeout=30.0,
-    )
-    return Gate(inner, port, used)
+    looks: dict[str, Any] = {"title": "capsbayes", "dark": None, "show_welcome_message": False, "tailwind": False}
+    ui.run_with(app, root=lambda: bench_page(bench), reconnect_timeout=30.0, **looks)
+    return app
 
 
 def make_private(folder: Path) -> None:
     """Make a folder, or the one that is there, one that no other user of this machine can enter.
 
-    Raises
-    ------
-    InputError
-        If that cannot be done, or others need it, as they do ``/tmp``.
+    It is refused if that cannot be done, or others need it, as they do ``/tmp``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     if os.name != "posix":  # folders of a user are private there
@@ -200,21 +176,10 @@ def _file_that_leads_to(address: str, folder: Path) -> Iterator[Path]:
 
 
 def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webbrowser.open) -> None:
-    """Serve the bench on this machine until it is interrupted.
+    """Serve the bench on this machine until it is interrupted; port 0 is any that is free.
 
-    Parameters
-    ----------
-    folder : Path
-        Where capsules are kept; it is made private.
-    port : int
-        0 for any that is free.
-    opened : function of the address of a file, optional
-        Called once pages are served, in a thread of its own; the file leads to the page, and is removed once it did.
-
-    Raises
-    ------
-    InputError
-        If the port is taken, or the folder cannot be private.
+    The folder, where capsules are kept, is made private. Once pages are served, `opened` is called in a thread of its
+    own with the address of a file that leads to the page, and is removed once it did.
     """
     with socket.socket() as listening, contextlib.ExitStack() as until_used:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -230,7 +195,7 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
             until_used.close()
             print(f"The page was opened. To open it in another browser: {gate.address}", flush=True)
 
-        gate = made(bench, listening.getsockname()[1], used)
+        gate = Gate(_served(bench), listening.getsockname()[1], used)
 
         def ready() -> None:
             kept = f"Capsules are kept in {bench.folder}, which only you can enter; Ctrl-C ends it."

@@ -21,20 +21,10 @@ _LONGEST = 60  # letters of a name
 
 @dataclass
 class Stated:
-    """What is stated of one capsule; a text that is empty is not stated.
+    """What is stated of one capsule; a text that is empty is not stated. Most are options of ``capsbayes identify``.
 
-    Parameters
-    ----------
-    picture, background : str
-        Names of files in the capsule's folder.
-    measured : str
-        Name of the file of a measurement, in place of a picture that is to be measured.
-    velocity, flow_rate, walls, wall_error, pixel_size, crop, erase, flow, contrast
-        As the options of ``capsbayes identify``.
-    membrane : str
-        ``"unknown"``, a law, or empty for the default, neo-Hookean.
-    engine : str
-        ``"quadrature"`` or ``"emcee"``.
+    `picture` and `background` are names of files in the capsule's folder; `measured` is that of a measurement, in place
+    of a picture that is to be measured.
     """
 
     picture: str = ""
@@ -43,7 +33,6 @@ class Stated:
     measured: str = ""
     walls: str = ""
     wall_error: str = ""
-    pixel_size: str = ""
     crop: str = ""
     erase: str = ""
     flow: str = ""
@@ -58,57 +47,38 @@ class Stated:
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
-        names = ("walls", "wall_error", "pixel_size", "crop", "erase", "contrast")
+        names = ("walls", "wall_error", "crop", "erase", "contrast")
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
     def commands(self, folder: Path) -> list[str]:
         """Return the lines of a terminal that make the same files in the capsule's folder."""
-        words = ["capsbayes", "identify", self.measured or self.picture]
         options: dict[str, str] = {}
         if not self.measured:
             options = {"experiment": EXPERIMENT, "velocity": self.velocity, "flow_rate": self.flow_rate}
             options |= {"background": self.background, "flow": self.flow, **self.by_hand()}
         options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
-        for name, text in options.items():
-            if text:
-                words += [f"--{name.replace('_', '-')}", text]
-        return [shlex.join(line) for line in (["cd", str(folder)], words, REPORT)]
+        identify = ["capsbayes", "identify", self.measured or self.picture, *_in_words(options)]
+        report = ["capsbayes", "report", ".", "--out", "report.html"]
+        return [shlex.join(words) for words in (["cd", str(folder)], identify, report)]
 
 
-@dataclass(frozen=True)
-class OfMany:
-    """What is stated of several files at once; a text that is empty is not stated.
+def measure_command(
+    name: str, *, film: bool, velocity: str, flow_rate: str, frame_rate: str, pixel_size: str, flow: str
+) -> list[str]:
+    """Return the command that measures one of several files in its folder, with the options that its kind takes.
 
-    Parameters
-    ----------
-    flow_rate, frame_rate, pixel_size, flow
-        As the options of ``capsbayes measure``, each for the kinds of files that take it.
+    Of events, the velocity is one that they share.
     """
-
-    flow_rate: str = ""
-    frame_rate: str = ""
-    pixel_size: str = ""
-    flow: str = ""
-
-    def command(self, name: str, *, film: bool, velocity: str = "") -> list[str]:
-        """Return the command that measures a file in its folder; of events, the velocity is one that they share."""
-        events = Path(name).suffix.lower() in EVENTS
-        options = {"flow": self.flow, "out": "."}
-        if film:
-            options = {"frame-rate": self.frame_rate} | options
-        else:
-            own = "shared-velocity" if events else "velocity"
-            options = {own: velocity, "flow-rate": self.flow_rate} | options
-        if events:
-            options = {"pixel-size": self.pixel_size} | options
-        words = ["capsbayes", "measure", name, "--experiment", EXPERIMENT]
-        for option, text in options.items():
-            if text:
-                words += [f"--{option}", text]
-        return words
+    events = Path(name).suffix.lower() in EVENTS
+    speeds = {"shared_velocity" if events else "velocity": velocity, "flow_rate": flow_rate}
+    options = {"experiment": EXPERIMENT, "pixel_size": pixel_size if events else ""}
+    options |= {"frame_rate": frame_rate} if film else speeds
+    return ["capsbayes", "measure", name, *_in_words({**options, "flow": flow, "out": "."})]
 
 
-REPORT = ["capsbayes", "report", ".", "--out", "report.html"]
+def _in_words(options: dict[str, str]) -> list[str]:
+    """Options of a command line, as far as they are stated."""
+    return [word for name, text in options.items() if text for word in (f"--{name.replace('_', '-')}", text)]
 
 
 def safe_name(name: str, kinds: tuple[str, ...] = KINDS) -> str | None:

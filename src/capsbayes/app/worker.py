@@ -1,16 +1,23 @@
-"""A process apart that decodes uploaded files and computes, with limits of memory and time."""
+"""Processes apart, with limits of memory and time: one that computes tasks, and commands of the command line."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib
 import multiprocessing
+import os
 import signal
+import sys
+import warnings
+from collections.abc import Callable
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from capsbayes.app.stated import said
 from capsbayes.errors import CapsbayesError
+from capsbayes.run import LINES, line_read
 
 MOST_MEMORY = 8 * 2**30
 """Bytes of address space of the process; compiled libraries alone map two of them."""
@@ -23,6 +30,16 @@ FAILED = (
 )
 
 
+LONGEST_COMMAND = 1800.0
+"""Seconds of a command."""
+
+_COMMAND = "from capsbayes.cli import main; main()"
+_LIMITED = f"from capsbayes.app.worker import limit_memory; limit_memory(); {_COMMAND}"
+_LONGEST_LINE = 2**20  # bytes
+Watch = Callable[[float, float | None, str], object]
+"""Function of what is done, of how much (None if that is not known), and of what."""
+
+
 class WorkFailedError(CapsbayesError):
     """A task that was refused, took too long or ended its process; the message is for the page."""
 
@@ -30,10 +47,7 @@ class WorkFailedError(CapsbayesError):
 class Worker:
     """One process that computes one task after the other; a new one takes the place of one that was ended.
 
-    Parameters
-    ----------
-    module : str
-        Module with the functions ``TASKS`` by their names, and ``warm``, which is called first.
+    Its module has the functions ``TASKS`` by their names, and ``warm``, which is called first.
     """
 
     def __init__(self, module: str) -> None:
@@ -46,10 +60,8 @@ class Worker:
     async def run(self, task: str, /, *, seconds: float = 60.0, **arguments: Any) -> Any:
         """Compute a task of the module by its name.
 
-        Raises
-        ------
-        WorkFailedError
-            With the one line of a refusal, or if it takes longer than `seconds`, once the process is ready, or ends it.
+        `WorkFailedError` has the one line of a refusal; it is raised too if the task takes longer than `seconds`, once
+        the process is ready, or ends it.
         """
         async with self._lock:
             answer = await asyncio.to_thread(self._answer, (task, arguments), seconds)
@@ -100,9 +112,6 @@ def _received(pipe: Connection, seconds: float) -> Any:
 
 def _serve(pipe: Connection, module: str) -> None:
     """Say once that the process is ready, and answer tasks until the other end is closed."""
-    import importlib
-    import warnings
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server answers it, and ends this process
     limit_memory()
     tasks = importlib.import_module(module)
@@ -134,3 +143,48 @@ def limit_memory() -> None:
     limit = MOST_MEMORY if most == resource.RLIM_INFINITY else min(MOST_MEMORY, most)
     with contextlib.suppress(ValueError, OSError):  # macOS knows the limit and refuses to set it
         resource.setrlimit(resource.RLIMIT_AS, (limit, most))
+
+
+async def printed_by(
+    arguments: list[str],
+    folder: Path,
+    watch: Watch = lambda done, total, what: None,
+    *,
+    limited: bool = False,
+    seconds: float = LONGEST_COMMAND,
+) -> tuple[int, str]:
+    """Run a command, the words behind ``capsbayes``, in a folder; return its exit status and what it printed.
+
+    Its memory is limited where files of unknown origin are decoded.
+    """
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", _LIMITED if limited else _COMMAND, *arguments,
+        cwd=folder, env=os.environ | {LINES: "lines"}, limit=_LONGEST_LINE,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    try:
+        async with asyncio.timeout(seconds):
+            printed, complaints = await asyncio.gather(process.stdout.read(), _watched(process.stderr, watch))
+            await process.wait()
+    except TimeoutError:
+        return 2, f"This took longer than {seconds:g} s and was stopped."
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    return process.returncode or 0, printed.decode(errors="replace") + complaints
+
+
+async def _watched(stream: asyncio.StreamReader, watch: Watch) -> str:
+    """Hand on the lines of progress; return the others."""
+    others = []
+    async for line in stream:
+        text = line.decode(errors="replace")
+        progress = line_read(text)
+        if progress is None:
+            others.append(text)
+        else:
+            watch(*progress)
+    return "".join(others)

@@ -12,7 +12,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
@@ -20,18 +19,8 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.errors import DatabaseError
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.style import (
-    ACCENT,
-    FILL,
-    INK,
-    PALE,
-    WALL,
-    draw_walls,
-    label_plane,
-    legend_below,
-    new_figure,
-    ratio_label,
-)
+from capsbayes.report import style
+from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
 from capsbayes.surrogate.plane import CONVEX, STRETCH_LIMIT, LeaveOneOut, Region
@@ -56,7 +45,6 @@ _CHANGED = ("axial_extent", "axial_length", "velocity_ratio")
 _COLUMNS, _ROWS = 6, 5  # of the table of shapes: Ca and a/l
 _OUTSIDE = 1.14  # outer face of the walls, over l
 _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l
-_SYMBOLS = ("Ca", "a/\\ell", "v_o/U")
 _SMALLEST = 1e-5  # below this every error looks the same
 _LONGEST_EDGE = 0.12  # of either range: longer triangles lie outside the cases
 
@@ -70,9 +58,9 @@ def atlas(database: Database) -> dict[str, Figure]:
         return figures | {"changes": changes_figure(database)}
     with contextlib.suppress(DatabaseError):
         surrogate = Surrogate(database)
-        figures["velocity"] = velocity_figure(surrogate)
+        figures["velocity"] = maps_figure(surrogate, "velocity_ratio")
         figures["velocity-surface"] = velocity_surface_figure(surrogate)
-        figures["lengths"] = lengths_figure(surrogate)
+        figures["lengths"] = maps_figure(surrogate, "axial_extent", "axial_length", "parachute_depth")
     return figures
 
 
@@ -97,25 +85,15 @@ def _of_effect(database: Database, value: float) -> str:
 # The plane (Ca, a/l): the cases, and the borders of steady shapes
 
 
-def kinds_of_case(database: Database) -> dict[str, Booleans]:
-    """Sort the cases into "parachute", "convex", "no steady state", "not resolved or not computed" : (c,) masks."""
+def _kinds_of_case(database: Database) -> dict[str, Booleans]:
+    """Sort the cases by the names of `_CASE_STYLES` : (c,) masks."""
     status = database["status"]
     done, absent = status == Status.DONE.name, status == Status.NO_STEADY_STATE.name
     convex = done & (database["parachute_depth"] < CONVEX)
     return dict(zip(_CASE_STYLES, (done & ~convex, convex, absent, ~(done | absent)), strict=True))
 
 
-def border_curve(database: Database, *kinds: str) -> tuple[Floats, Floats]:
-    """Return Ca, NaN where a border is of another kind, and all a/l that have any border, rising : (k,) arrays [-]."""
-    size, ca = np.round(database["border_size_ratio"], 6), database["border_capillary_number"]
-    columns = np.unique(size)
-    curve = np.full(len(columns), np.nan)
-    chosen = np.isin(database["border_kind"], kinds)
-    curve[np.searchsorted(columns, size[chosen])] = ca[chosen]
-    return curve, columns
-
-
-def _prepare_plane(ax: Axes, database: Database) -> Axes:
+def _prepare_plane(ax: Axes, database: Database) -> None:
     """Give axes the range of the database, on a square-root scale of Ca: the branches lie close together at low Ca."""
     ca, size = database["capillary_number"], database["size_ratio"]
     ax.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0.0)), np.square))
@@ -123,17 +101,20 @@ def _prepare_plane(ax: Axes, database: Database) -> Axes:
     step, margin = 0.02 * (high - low) + 1e-3, 0.04 * float(np.ptp(size)) + 1e-3
     sizes = float(size.min()) - margin, float(size.max()) + margin
     ax.set(xlim=(max(low - step, 0.0) ** 2, (high + step) ** 2), ylim=sizes)
-    label_plane(ax, _TICKS, ", square-root scale")
-    return ax
+    style.label_plane(ax, _TICKS, ", square-root scale")
 
 
 def _draw_borders(ax: Axes, database: Database) -> None:
-    """Draw each kind of border; the limit of the database goes on under that of existence, without a gap."""
-    for kind, style in _BORDER_STYLES.items():
-        if kind in database["border_kind"]:
-            kinds = (LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE) if kind == LIMIT_OF_DATABASE else (kind,)
-            line: dict[str, Any] = {"marker": ".", "markersize": 2.5} | style
-            ax.plot(*border_curve(database, *kinds), label=kind, **line)
+    """Draw each kind of border, broken where an a/l has another kind; that of the database goes on under existence."""
+    size, ca, kinds = (database[f"border_{name}"] for name in ("size_ratio", "capillary_number", "kind"))
+    columns, place = np.unique(np.round(size, 6), return_inverse=True)
+    for kind, look in _BORDER_STYLES.items():
+        if kind in kinds:
+            chosen = (kinds == kind) | ((kind == LIMIT_OF_DATABASE) & (kinds == LIMIT_OF_EXISTENCE))
+            curve = np.full(len(columns), np.nan)
+            curve[place[chosen]] = ca[chosen]
+            line: dict[str, Any] = {"marker": ".", "markersize": 2.5} | look
+            ax.plot(curve, columns, label=kind, **line)
 
 
 def cases_figure(database: Database) -> Figure:
@@ -141,49 +122,37 @@ def cases_figure(database: Database) -> Figure:
     values = database.values
     columns = 1 if len(values) == 1 else 2
     rows = -(-len(values) // columns)
-    figure = new_figure(7.4, 5.6 if columns == 1 else 0.9 + 3.0 * rows)
+    figure = style.new_figure(7.4, 5.6 if columns == 1 else 0.9 + 3.0 * rows)
     usual: dict[str, Any] = {"linestyle": "none", "markersize": 4.0, "markeredgewidth": 0.9}
     entries: dict[str, Any] = {}
     for place, value in enumerate(values, start=1):
         ax, part = figure.add_subplot(rows, columns, place), database.at_value(value)
         _prepare_plane(ax, part)
-        for name, chosen in kinds_of_case(part).items():
+        for name, chosen in _kinds_of_case(part).items():
             if chosen.any():
                 points = part["capillary_number"][chosen], part["size_ratio"][chosen]
                 ax.plot(*points, label=name, **(usual | _CASE_STYLES[name]))
         _draw_borders(ax, part)
         if database.effect != NO_EFFECT:
             ax.set_title(_of_effect(database, value), fontsize=10)
-        handles, labels = ax.get_legend_handles_labels()
-        entries |= dict(zip(labels, handles, strict=True))
+        entries |= {str(line.get_label()): line for line in ax.lines}
     order = [label for label in (*_CASE_STYLES, *_BORDER_STYLES) if label in entries]
-    style: dict[str, Any] = {"loc": "outside lower center", "ncols": 3, "frameon": False, "fontsize": 10}
-    figure.legend([entries[label] for label in order], order, **style)
+    style.legend_below(figure, [entries[label] for label in order], 3, fontsize=10)
     return _titled(figure, database)
 
 
 # Maps: cases as dots over the surface of the surrogate
 
 
-def velocity_figure(surrogate: Surrogate) -> Figure:
-    """Draw v_o/U over (Ca, a/l), as the paper's figure 6."""
-    return _maps(surrogate, ("velocity_ratio",), 5.2)
-
-
-def lengths_figure(surrogate: Surrogate) -> Figure:
-    """Draw L_z/l, L_a/l and L_p/l over (Ca, a/l), one above the other."""
-    return _maps(surrogate, ("axial_extent", "axial_length", "parachute_depth"), 11.5)
-
-
-def _maps(surrogate: Surrogate, names: tuple[str, ...], height: float) -> Figure:
-    figure = new_figure(7.4, height)
+def maps_figure(surrogate: Surrogate, *names: str) -> Figure:
+    """Draw quantities over (Ca, a/l), one above the other, v_o/U as the paper's figure 6."""
+    figure = style.new_figure(7.4, 2.05 + 3.15 * len(names))
     axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
     for ax, name in zip(axes, names, strict=True):
         _draw_map(ax, surrogate, name)
         ax.label_outer()
-    _titled(figure, surrogate.database)
-    legend_below(figure, axes[0], 4, fontsize=10)
-    return figure
+    style.legend_below(figure, axes[0], 4, fontsize=10)
+    return _titled(figure, surrogate.database)
 
 
 def _draw_map(ax: Axes, surrogate: Surrogate, name: str) -> None:
@@ -196,12 +165,11 @@ def _draw_map(ax: Axes, surrogate: Surrogate, name: str) -> None:
         ca, size, values = _surface(surrogate, region, name)
         filled = ax.contourf(ca, size, np.clip(values, levels[0], levels[-1]), levels=levels, **shared)
         lines = ax.contour(ca, size, values, levels=levels[1:-1], colors="white", linewidths=0.6)
-        for text in ax.clabel(lines, fontsize=8):
-            text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
+        style.outlined(ax.clabel(lines, fontsize=8))
     dots: dict[str, Any] = {"s": 11, "edgecolors": "black", "linewidths": 0.4, "zorder": 2.5, "label": "case"}
     ax.scatter(cases["capillary_number"], cases["size_ratio"], c=cases[name], **dots, **shared)
     _draw_borders(ax, surrogate.database)
-    ax.figure.colorbar(filled, ax=ax, label=ratio_label(name))
+    ax.figure.colorbar(filled, ax=ax, label=style.ratio_label(name))
 
 
 def _surface(surrogate: Surrogate, region: Region, name: str) -> tuple[Floats, Floats, Floats]:
@@ -219,17 +187,17 @@ def _surface(surrogate: Surrogate, region: Region, name: str) -> tuple[Floats, F
 def velocity_surface_figure(surrogate: Surrogate) -> Figure:
     """Draw the cases in the space (Ca, a/l, v_o/U) over the surrogate's surface, as the paper's figure 7."""
     database = surrogate.database
-    figure = new_figure(7.4, 6.4, layout=None)
+    figure = style.new_figure(7.4, 6.4, layout=None)
     ax: Any = figure.add_axes((0.0, 0.02, 0.94, 0.92), projection="3d", computed_zorder=False)
     look = {"color": FILL, "edgecolor": PALE, "linewidth": 0.3, "shade": False}
     for region in surrogate.domain.regions:
         ax.plot_surface(*_surface(surrogate, region, "velocity_ratio"), rcount=24, ccount=24, **look)
-    kinds = kinds_of_case(database)
+    kinds = _kinds_of_case(database)
     names = ("capillary_number", "size_ratio", "velocity_ratio")
-    for name, style in _BRANCH_STYLES.items():
+    for name, marker in _BRANCH_STYLES.items():
         points = [database[column][kinds[name]] for column in names]
-        ax.plot(*points, linestyle="none", markersize=3.5, label=name, **style)
-    ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), map(ratio_label, names), strict=True)))
+        ax.plot(*points, linestyle="none", markersize=3.5, label=name, **marker)
+    ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), map(style.ratio_label, names), strict=True)))
     ax.view_init(elev=30.0, azim=130.0)
     ax.legend(loc="upper right", frameon=False)
     return _titled(figure, database)
@@ -271,26 +239,27 @@ def shapes_figure(database: Database) -> Figure:
     """Draw profiles in the plane x = 0 between the walls, lengths over l; those of all values of an effect together."""
     ca, sizes = table_of_cases(database)
     values = database.values
-    shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(values)))
-    inks: list[Any] = [INK] if len(values) == 1 else list(shades)
-    profiles = database["profile"][..., 0]
-    ends = float(np.nanmin(profiles)) - 0.1, float(np.nanmax(profiles)) + 0.1
-    figure = new_figure(9.6, 1.0 + 9.0 * len(sizes) / len(ca) * 2.3 / (ends[1] - ends[0]))
+    inks: list[Any] = [INK]
+    if len(values) > 1:
+        inks = list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(values))))
+    along = database["profile"][..., 0]
+    ends = float(np.nanmin(along)) - 0.1, float(np.nanmax(along)) + 0.1
+    figure = style.new_figure(9.6, 1.0 + 9.0 * len(sizes) / len(ca) * 2.3 / (ends[1] - ends[0]))
     axes = figure.subplots(len(sizes), len(ca), squeeze=False, sharex=True, sharey=True)
-    for axes_row, size in zip(axes, sizes[::-1], strict=True):
-        for column, ax in enumerate(axes_row):
-            draw_walls(ax, ends, _OUTSIDE)
-            ax.set(xlim=ends, ylim=(-_OUTSIDE, _OUTSIDE), aspect="equal", xticks=[], yticks=[])
-            ax.spines[:].set_visible(False)
-            _draw_cell(ax, database, cases_of_cell(database, ca, column, size), ca[column], inks)
-    for ax, value in zip(axes[0], ca, strict=True):
-        ax.set_title(rf"$\mathrm{{Ca}}$ = {value:g}", fontsize=11)
-    for ax, size in zip(axes[:, 0], sizes[::-1], strict=True):
-        ax.set_ylabel(rf"$a/\ell$ = {size:g}", fontsize=11)
+    for (row, column), ax in np.ndenumerate(axes):
+        size = sizes[-1 - row]
+        style.draw_walls(ax, ends, _OUTSIDE)
+        ax.set(xlim=ends, ylim=(-_OUTSIDE, _OUTSIDE), aspect="equal", xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+        _draw_cell(ax, database, cases_of_cell(database, ca, column, size), float(ca[column]), inks)
+        if row == 0:
+            ax.set_title(rf"$\mathrm{{Ca}}$ = {ca[column]:g}", fontsize=11)
+        if column == 0:
+            ax.set_ylabel(rf"$a/\ell$ = {size:g}", fontsize=11)
     if database.effect != NO_EFFECT:
         for value, ink in zip(values, inks, strict=True):
             axes[0, 0].plot([], [], color=ink, label=_of_effect(database, value))
-        figure.legend(loc="outside lower center", ncols=3, frameon=False)
+        style.legend_below(figure, axes[0, 0], 3)
     return _titled(figure, database, "; flow to the right")
 
 
@@ -300,7 +269,7 @@ def _draw_cell(ax: Axes, database: Database, in_cell: Booleans, heading_ca: floa
         ink = inks[np.searchsorted(database.values, database["effect_value"][row])]
         fill = FILL if len(inks) == 1 else "none"
         ax.fill(*database["profile"][row].T, facecolor=fill, edgecolor=ink, linewidth=1.3)
-    kinds = [name for name, rows in kinds_of_case(database).items() if (rows & in_cell).any()]
+    kinds = [name for name, rows in _kinds_of_case(database).items() if (rows & in_cell).any()]
     ca = database["capillary_number"][in_cell]
     words = [f"Ca = {ca[0]:.4g}"] if ca.size and ca[0] != heading_ca else []
     if not set(_BRANCH_STYLES) & set(kinds):
@@ -311,33 +280,33 @@ def _draw_cell(ax: Axes, database: Database, in_cell: Booleans, heading_ca: floa
 # What an effect changes
 
 
-def changes(database: Database, value: float, name: str) -> tuple[Floats, Floats, Floats]:
-    """Return Ca, a/l and the relative change of a quantity from the null value of an effect : (c,) arrays [-]."""
+def changes(database: Database, value: float) -> pd.DataFrame:
+    """Return Ca, a/l and the relative changes of `_CHANGED` by an effect, of cases that its null value has too."""
     case = ["capillary_number", "size_ratio"]
     changed, null = (
-        pd.DataFrame({column: cases[column] for column in (*case, name)})
+        pd.DataFrame({name: cases[name] for name in (*case, *_CHANGED)})
         for cases in (database.at_value(each).converged for each in (value, database.null_value))
     )
     both = changed.merge(null, on=case, suffixes=("", "_null"))
-    change = both[name] / both[f"{name}_null"] - 1.0
-    return both["capillary_number"].to_numpy(), both["size_ratio"].to_numpy(), change.to_numpy()
+    return both[case].assign(**{name: both[name] / both[f"{name}_null"] - 1.0 for name in _CHANGED})
 
 
 def changes_figure(database: Database) -> Figure:
     """Draw the changes of L_z, L_a and v_o/U by an effect, a row for each value, a scale for each quantity."""
-    values = [value for value in database.values if value != database.null_value]
-    figure = new_figure(9.6, 1.9 + 2.3 * len(values))
-    axes = figure.subplots(len(values), len(_CHANGED), squeeze=False, sharex=True, sharey=True)
+    tables = {value: changes(database, value) for value in database.values if value != database.null_value}
+    figure = style.new_figure(9.6, 1.9 + 2.3 * len(tables))
+    axes = figure.subplots(len(tables), len(_CHANGED), squeeze=False, sharex=True, sharey=True)
     for column, name in zip(axes.T, _CHANGED, strict=True):
-        changed = [changes(database, value, name) for value in values]
-        largest = 100.0 * max(float(np.abs(change).max(initial=1e-6)) for *_, change in changed)
-        style: dict[str, Any] = {"vmin": -largest, "vmax": largest, "cmap": "PuOr", "s": 26, "edgecolors": _FAINT}
-        for ax, (ca, size, change) in zip(column, changed, strict=True):
-            _prepare_plane(ax, database).label_outer()
-            drawn = ax.scatter(ca, size, c=100.0 * change, linewidths=0.4, **style)
+        largest = 100.0 * max(float(np.abs(table[name]).max()) for table in tables.values() if len(table))
+        look: dict[str, Any] = {"vmin": -largest, "vmax": largest, "cmap": "PuOr", "s": 26, "edgecolors": _FAINT}
+        for ax, table in zip(column, tables.values(), strict=True):
+            _prepare_plane(ax, database)
+            ax.label_outer()
+            places = table["capillary_number"], table["size_ratio"]
+            drawn = ax.scatter(*places, c=100.0 * table[name], linewidths=0.4, **look)
         label = f"change of ${PARAMETERS[name].latex}$ [%]"
         figure.colorbar(drawn, ax=list(column), location="bottom", label=label, aspect=30)
-    for ax, value in zip(axes[:, 1], values, strict=True):
+    for ax, value in zip(axes[:, 1], tables, strict=True):
         ax.set_title(_of_effect(database, value), fontsize=11)
     return _titled(figure, database, f"; change from {_of_effect(database, database.null_value)}")
 
@@ -347,7 +316,7 @@ def changes_figure(database: Database) -> Figure:
 
 def heat_maps(*studies: LeaveOneOut) -> Figure:
     """Draw a row of three maps (Ca, a/l, v_o/U) for each study, with one colour scale a column."""
-    figure = new_figure(13.0, 3.9 * len(studies))
+    figure = style.new_figure(13.0, 3.9 * len(studies))
     axes = figure.subplots(len(studies), 3, squeeze=False, sharex=True, sharey=True)
     for column in range(3):
         largest = np.nanmax(np.concatenate([study.errors[:, column] for study in studies]))
@@ -371,7 +340,8 @@ def _draw_errors(ax: Axes, study: LeaveOneOut, column: int, norm: LogNorm) -> No
     stretch = study.stretch_ratio
     if stretch.min() < STRETCH_LIMIT < stretch.max():
         ax.tricontour(_triangles(ca, size), stretch, levels=[STRETCH_LIMIT], colors="black", linestyles="dashed")
-    ax.set_title(rf"{study.method}: relative error of ${_SYMBOLS[column]}$", fontsize=10)
+    symbol = ("Ca", "a/\\ell", "v_o/U")[column]
+    ax.set_title(rf"{study.method}: relative error of ${symbol}$", fontsize=10)
     ax.figure.colorbar(drawn, ax=ax)
 
 

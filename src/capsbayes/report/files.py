@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from capsbayes.files.output_file import write_file
@@ -23,11 +24,17 @@ def posterior_files(posterior: Posterior) -> dict[str, Writer]:
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
         "summary.json": json_file(posterior.as_dict()),
-        "corner.png": figure_file(lambda: _corner(posterior), dpi=110),
+        "corner.png": figure_file(lambda: _figures().corner_of_all(posterior), dpi=110),
     }
     if posterior.outlines is not None:
-        files["outline.png"] = figure_file(lambda: _outlines(posterior))
+        files["outline.png"] = figure_file(lambda: _figures().outline_figure(posterior))
     return files
+
+
+def _figures() -> ModuleType:
+    from capsbayes.report import posterior_figures  # half a second, where no figure is asked for
+
+    return posterior_figures
 
 
 def json_file(result: Any) -> Writer:
@@ -39,21 +46,8 @@ def figure_file(draw: Callable[[], Figure], dpi: int = 140) -> Writer:
     """Return a function that draws a figure into a file."""
 
     def write(path: Path) -> None:
-        from capsbayes.report.style import write_figure  # half a second, where no figure is asked for
+        from capsbayes.report.style import write_figure
 
         write_figure(draw(), path, dpi)
 
     return write
-
-
-def _corner(posterior: Posterior) -> Figure:
-    from capsbayes.report import corner_plot
-    from capsbayes.report.posterior_figures import SHOWN
-
-    return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
-
-
-def _outlines(posterior: Posterior) -> Figure:
-    from capsbayes.report import outline_figure
-
-    return outline_figure(posterior)

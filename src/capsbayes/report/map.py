@@ -14,13 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.path import Path
-from matplotlib.patheffects import withStroke
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan.membrane import KNOWN, MEASURED, UNKNOWN
-from capsbayes.report.style import ACCENT, label_plane, new_figure
+from capsbayes.report.style import ACCENT, label_plane, legend_below, new_figure, outlined
 
 _LEVELS = (
     *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
@@ -47,8 +46,9 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     dotted: dict[str, Any] = {"colors": ACCENT, "linestyles": "dotted", "linewidths": 1.6}
     ax.contour(*plane, _filled(two_shapes.astype(float)), levels=[0.5], **dotted).set_clip_path(clip)
     inside = Path(clip.get_xy())
-    for text in ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8):
-        text.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
+    labels = ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8)
+    outlined(labels)
+    for text in labels:
         text.set_visible(inside.contains_point(text.get_position()))
     _finish(ax, clip.get_xy())
     label = f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]"
@@ -59,7 +59,7 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     if two_shapes.any():
         style: dict[str, Any] = {"color": ACCENT, "linestyle": "dotted", "linewidth": 1.6}
         marks.append(Line2D([], [], label="left of it two shapes are stable", **style))
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    legend_below(figure, marks, 2, fontsize=9)
     ax.set_title(_errors(widths), fontsize=10)
     return figure
 

@@ -14,24 +14,13 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import marginal_cells, per_cent, rounded
-from capsbayes.report.posterior import BY_MESH, KEPT
+from capsbayes.report.posterior import BY_MESH, told_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
 
 _MODULUS, _SPEED = PARAMETERS["surface_shear_modulus"], PARAMETERS["mean_velocity"]
 _STRONG, _SOME = 20.0, 3.0  # odds
 _STYLES = ((INK, "o"), (ACCENT, "s"), (PALE, "D"), (WALL, "^"), (INK, "v"))  # of the laws
-
-
-def told_words(shared: SharedMembrane) -> str:
-    """Say which parameters of the membrane the batch tells, and which kept their prior."""
-    widths = shared.widths_over_prior()
-    kept = [PARAMETERS[name].symbol for name, width in widths.items() if width > KEPT]
-    told = [PARAMETERS[name].symbol for name, width in widths.items() if width <= KEPT]
-    parts = [f"The capsules tell {', '.join(told)}." if told else "The capsules tell nothing of the membrane."]
-    if kept:
-        parts.append(f"{', '.join(kept)} kept {'its prior' if len(kept) == 1 else 'their priors'}.")
-    return " ".join(parts)
 
 
 def law_words(shared: SharedMembrane) -> str:
@@ -93,24 +82,29 @@ def law_table(shared: SharedMembrane) -> pd.DataFrame:
     return table(head, rows, title="If the membrane obeys a known law", numbers=(1, 2, 3))
 
 
+def _moduli_by_flow(shared: SharedMembrane) -> dict[str, list[Marginal]]:
+    """Mean G_s of the capsules of each flow with the membrane unknown, and under each law that can be used."""
+    laws = {law.name: shared.moduli_by_flow(law.draws) for law in shared.laws[1:] if law.usable}
+    return {"unknown": shared.moduli_by_flow(), **laws}
+
+
 def flow_table(shared: SharedMembrane) -> pd.DataFrame:
     """Return the mean G_s of the capsules of each flow, with the membrane unknown and under each law."""
-    laws = [law for law in shared.laws[1:] if law.usable]
-    columns = [shared.moduli_by_flow(), *(shared.moduli_by_flow(law.draws) for law in laws)]
+    moduli = _moduli_by_flow(shared)
     rows = []
     for number, flow in enumerate(shared.as_dict()["flows"]):
-        marginals = [marginal_cells(_MODULUS.name, column[number]) for column in columns]
+        marginals = [marginal_cells(_MODULUS.name, of_law[number]) for of_law in moduli.values()]
         cells = [f"{middle} ({ends})" for middle, ends, _ in marginals]
         rows.append([f"{_SPEED.shown(flow['speed']):.3g}", str(flow["capsules"]), *cells])
     title = f"Mean {_MODULUS.label} of the capsules of each flow (68 %): the same at all if the law is right"
-    head = [f"speed [{_SPEED.shown_unit}]", "capsules", "unknown", *(law.name for law in laws)]
+    head = [f"speed [{_SPEED.shown_unit}]", "capsules", *moduli]
     return table([Symbols(text) for text in head], rows, title=title, numbers=range(len(head)))
 
 
 def membrane_parts(shared: SharedMembrane) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of the membrane that a batch shares."""
     yield membrane_table(shared)
-    yield told_words(shared)
+    yield told_words(shared.widths_over_prior(), "kept its prior", "kept their priors")
     if len(shared.laws) > 1:
         yield law_table(shared)
         yield Strong(law_words(shared))
@@ -132,23 +126,21 @@ def membrane_figure(shared: SharedMembrane) -> Figure:
 def _draw_flows(ax: Axes, shared: SharedMembrane) -> None:
     flows = range(int(shared.flow.max()) + 1)
     speeds = np.array([_SPEED.shown(float(np.median(shared.speed[shared.flow == k]))) for k in flows])
-    rows = [("membrane unknown", shared.moduli_by_flow())]
-    rows += [(law.name, shared.moduli_by_flow(law.draws)) for law in shared.laws[1:] if law.usable]
-    for number, (name, marginals) in enumerate(rows):
-        aside = 1.0 + 0.03 * (number - 0.5 * (len(rows) - 1))  # so that bars do not hide each other
+    moduli = _moduli_by_flow(shared)
+    for number, (name, marginals) in enumerate(moduli.items()):
+        aside = 1.0 + 0.03 * (number - 0.5 * (len(moduli) - 1))  # so that bars do not hide each other
         colour, marker = _STYLES[number % len(_STYLES)]
         middles = np.array([_MODULUS.shown(marginal.median) for marginal in marginals])
         ends = _MODULUS.scale * np.array([marginal.ends(68) for marginal in marginals]).T
-        style: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 5, "label": name}
-        ax.errorbar(speeds * aside, middles, np.abs(ends - middles), **style)
+        style: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "none", "markersize": 5}
+        label = name if number else "membrane unknown"
+        ax.errorbar(speeds * aside, middles, np.abs(ends - middles), label=label, **style)
     ax.set(xscale="log", yscale="log", xlabel="speed of the flow [mm/s]", ylabel=_MODULUS.axis_label)
-    ax.set_xticks(speeds, [f"{speed:.3g}" for speed in speeds])
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter("{x:g}")
-    ax.minorticks_off()
     low, high = ax.get_ylim()
     ticks = np.geomspace(low * 1.05, high / 1.05, 5)
+    ax.set_xticks(speeds, [f"{speed:.3g}" for speed in speeds])
     ax.set_yticks(ticks, [f"{tick:.2g}" for tick in ticks])
+    ax.minorticks_off()
     ax.set_title("mean of the capsules of each flow, 68 %", fontsize=10)
 
 

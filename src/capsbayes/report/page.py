@@ -54,7 +54,7 @@ def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = 
 
 
 def drawing(
-    figure: Figure, alternative: str, caption: str, marks: Mapping[str, Sequence[str]], *, fit: str = ""
+    figure: Figure, marks: Mapping[str, Sequence[str]], alternative: str, caption: str, *, fit: str = ""
 ) -> Markup:
     """Return a figure as an SVG whose marks, by the ``gid`` of their artist, say a text when they are pointed at."""
     root = ElementTree.fromstring(_svg(figure))
@@ -102,5 +102,5 @@ def _templates() -> Environment:
     )
     environment.globals |= {"message": MESSAGE, "software": SOFTWARE, "article": ARTICLE, "doi": DOI}
     environment.globals["version"] = capsbayes.__version__
-    environment.filters |= {"table": html_table, "typeset": typeset}
+    environment.filters |= {"table": html_table, "typeset": typeset, "picture": picture, "drawing": drawing}
     return environment

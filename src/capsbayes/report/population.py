@@ -87,15 +87,15 @@ def missing_words(stored: Mapping[str, Any]) -> str:
 
 def caveats(stored: Mapping[str, Any]) -> list[str]:
     """Return what a reader of the population must keep in mind, one sentence each; empty if nothing."""
-    failed = [gate for gate in stored["gates"] if not gate["passed"]]
     sentences = [
         f"Do not use the intervals of the population: {gate['name']} is {gate['value']:.4g}, wanted {gate['wanted']}."
-        for gate in failed
+        for gate in stored["gates"]
+        if not gate["passed"]
     ]
-    leaning = stored["share_leaning_on_border"]
-    if leaning > _MANY_LEANING:
+    leaning = per_cent(stored["share_leaning_on_border"])
+    if stored["share_leaning_on_border"] > _MANY_LEANING:
         sentences.append(
-            f"{per_cent(leaning)} of the capsules lean on the border of the model: the population may extend beyond it."
+            f"{leaning} of the capsules lean on the border of the model: the population may extend beyond it."
         )
     return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
 
@@ -119,38 +119,36 @@ def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
 
 def distribution_headline(stored: Mapping[str, Any] | ModulusSpread) -> str:
     """Return the median G_s of the capsules and how much they differ, with the errors removed."""
-    middle, spread, _ = _distribution(stored)
-    return f"With the errors removed, the median G_s is {middle}; the capsules differ from it by {spread}"
+    middle, spread, band = _distribution(stored)
+    return f"With the errors removed, the median G_s is {middle}; the capsules differ from it by {spread}{band}"
 
 
 def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     """Say how much G_s differs from capsule to capsule, by ``Hierarchy.as_dict()`` or by a spread from elsewhere."""
-    middle, spread, width = _distribution(stored)
-    share, _, band = spread.partition(", ")
+    middle, spread, band = _distribution(stored)
+    normal = isinstance(stored, ModulusSpread) or stored.get("tails", NORMAL) == NORMAL
+    width = "standard deviation of ln G_s" if normal else "half the width of the central 68.3 % of ln G_s"
     return (
-        f"With the errors removed, the median G_s of the capsules is {middle}, and they "
-        f"differ from it by {share} ({width}{', ' * bool(band)}{band})."
+        f"With the errors removed, the median G_s of the capsules is {middle}, and they differ from it by {spread} "
+        f"({width}{band})."
     )
 
 
 def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
-    """Return the median G_s of the capsules, their spread, each with its 95 % interval, and what the spread is."""
-    width = "standard deviation of ln G_s"
+    """Return the median G_s of the capsules with its 95 % interval, their spread, and the 95 % interval of that."""
     if isinstance(stored, ModulusSpread):
         medians, spreads = stored.median, stored.relative
     else:
-        if stored.get("tails", NORMAL) != NORMAL:
-            width = "half the width of the central 68.3 % of ln G_s"
-        quantities, keys = stored["quantities"], ("median", "lower_95", "upper_95")
         medians, spreads = (
-            np.array([quantities[name][key] for key in keys]) for name in (_MODULUS.name, "modulus_spread")
+            np.array([stored["quantities"][name][key] for key in ("median", "lower_95", "upper_95")])
+            for name in (_MODULUS.name, "modulus_spread")
         )
     middle, low, high = map(_MODULUS.shown, medians)
     shown, *ends = together((middle, low, high), decimals(0.25 * (high - low) or 1e-3 * middle))
     known = f", 95 % [{', '.join(ends)}]" if high > low else ""
-    middle_sd, *sds = map(per_cent, spreads)
+    spread, *sds = map(per_cent, spreads)
     band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
-    return f"{shown}{unit_of(_MODULUS)}{known}", f"{middle_sd}{band}", width
+    return f"{shown}{unit_of(_MODULUS)}{known}", spread, band
 
 
 def status_table(counts: Mapping[Status, int], what: str = "capsules") -> pd.DataFrame:

@@ -6,7 +6,6 @@ import base64
 from collections.abc import Callable
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -18,9 +17,8 @@ from capsbayes.infer.population import Population
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
 from capsbayes.report.numbers import with_unit
-from capsbayes.report.page import drawing, page, picture
+from capsbayes.report.page import page
 from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_figure
-from capsbayes.report.tables import typeset
 
 USABLE, OTHERS = "usable-capsules", "other-capsules"
 """Ids of the points of `modulus_against_radius`, which are in the order of the population."""
@@ -28,7 +26,7 @@ _MOST_BARS = 400  # error bars of more capsules would hide each other
 _MODULUS, _RADIUS = PARAMETERS["surface_shear_modulus"], PARAMETERS["capsule_radius"]
 MOST_ROWS = 500
 """Capsules in the table of the page; the file holds all."""
-_MANY = 500  # points beyond which a picture of pixels is smaller
+_MOST_MARKS = 500  # points; a picture of pixels is smaller than more
 
 
 def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
@@ -64,7 +62,7 @@ def _bars(population: Population) -> tuple[Floats, Integers]:
     return edges, np.histogram(logs, edges)[0]
 
 
-def _bar_words(population: Population) -> dict[str, list[str]]:
+def bar_words(population: Population) -> dict[str, list[str]]:
     """What each bar of the histogram says, by its ``gid``."""
     edges, counts = _bars(population)
     ends = _MODULUS.scale * np.exp(edges)
@@ -140,54 +138,34 @@ def population_page(
     """
     stored = population.attributes.get("hierarchy")
     drawn = spread or ModulusSpread.of_population(population)
+    figures = (modulus_histogram, bar_words, modulus_against_radius, point_words)
     return page(
         "population.html",
         population=population,
         texts=texts,
         stored=stored,
         distribution=spread or stored or drawn,
-        used=int(population.usable.sum()),
-        histogram=_histogram(population, drawn),
-        scatter=_scatter(population),
+        spread=drawn,
         most=rows,
+        most_marks=_MOST_MARKS,
         source=source,
         csv=_csv(population, rows),
+        **{function.__name__: function for function in figures},
     )
 
 
-def _histogram(population: Population, spread: ModulusSpread | None) -> Markup:
-    used = int(population.usable.sum())
-    caption = f"Medians of {used} capsules; the histogram is wider than their spread, for it contains the errors."
-    if spread is not None:
-        caption = f"Medians of {used} capsules, and how G_s itself differs from capsule to capsule."
-    figure, words = modulus_histogram(population, spread), _bar_words(population)
-    return drawing(figure, "histogram of the shear moduli", typeset(caption), words, fit="narrow")
-
-
-def _scatter(population: Population) -> Markup:
-    caption = typeset(
-        "Medians with 68 % intervals. A membrane that is the same for every size shows no trend; but the errors of "
-        "both are correlated, since both follow from the same lengths."
-    )
-    figure = modulus_against_radius(population)
-    alternative = "shear modulus against radius of each capsule"
-    if len(population) > _MANY:
-        return picture(figure, alternative, caption, fit="narrow", png=True)
-    return drawing(figure, alternative, caption, _point_words(population), fit="narrow")
-
-
-def _point_words(population: Population) -> dict[str, list[str]]:
+def point_words(population: Population) -> dict[str, list[str]]:
     """Return what each point of G_s against a says, by the id of its group."""
     names = ("surface_shear_modulus", "capsule_radius")
     drawn = np.isfinite(np.stack([population[f"{name}_median"] for name in names])).all(axis=0)
     titles = population["name"] if "name" in population.dataset else np.arange(1, len(population) + 1)
-    said = {}
+    words = {}
     for group, chosen in ((USABLE, population.usable), (OTHERS, ~population.usable)):
-        said[group] = [
+        words[group] = [
             f"{titles[k]}: " + ", ".join(with_unit(name, float(population[f"{name}_median"][k])) for name in names)
             for k in np.flatnonzero(drawn & chosen)
         ]
-    return said
+    return words
 
 
 def _csv(population: Population, most: int) -> str:

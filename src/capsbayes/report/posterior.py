@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -38,6 +37,7 @@ _OBEYS = {
     "blatz-ko": "obeys the Blatz-Ko law",
     UNKNOWN: "obeys one of the model's laws",
 }
+_PRIOR = ("mean", "sd", "low", "high")
 _OF_LAW = ("area_dilation_modulus", "strain_hardening", "hardening", "hooke_share")
 BY_MESH = (
     "The simulations behind this model were computed on one mesh, whose error is included; it makes the intervals wide."
@@ -184,6 +184,15 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
         yield f"Of one more measurement, {later_words(best)} would narrow ln G_s most: to {expected[best]:.2g}."
 
 
+def told_words(widths: Mapping[str, float], keeps: str, keep: str) -> str:
+    """Say which parameters of the membrane a batch tells, by their widths over those of the priors, and which not."""
+    told, kept = (
+        [PARAMETERS[name].symbol for name in widths if (widths[name] > KEPT) is keep] for keep in (False, True)
+    )
+    words = f"The capsules tell {', '.join(told) or 'nothing of the membrane'}."
+    return f"{words} {', '.join(kept)} {keeps if len(kept) == 1 else keep}." if kept else words
+
+
 def quantity_table(posterior: Posterior) -> pd.DataFrame:
     """Return median and intervals of every quantity, with the second engine and the published procedure."""
     answer = {} if posterior.deterministic is None else posterior.deterministic.as_dict()
@@ -223,11 +232,15 @@ def narrowing_table(posterior: Posterior) -> pd.DataFrame:
 
 def input_table(posterior: Posterior) -> pd.DataFrame:
     """Return what was measured and known, each with its error."""
-    rows = [
-        (Symbols(input_words(name)), *_with_error(name, stated))
-        for name, stated in posterior.as_dict()["inputs"].items()
-        if isinstance(stated, dict) and stated.get("value") is not None
-    ]
+    rows = []
+    for name, stated in posterior.as_dict()["inputs"].items():
+        if isinstance(stated, dict) and stated.get("value") is not None:
+            scale, unit = stated_in(name, stated["unit"])
+            value, error = scale * stated["value"], scale * (stated["error"] or 0.0)
+            digits = two_digits(error)
+            words = f"{value:.{digits}f} ± {error:.{digits}f}{unit}" if error else f"{value:g}{unit}"
+            relative = f"{100.0 * error / value:.2g} %" if error else "taken as known"
+            rows.append((Symbols(input_words(name)), Symbols(words), relative))
     return table(("input", "value ± standard error", "relative error"), rows, title="Inputs", numbers=(1, 2))
 
 
@@ -235,15 +248,15 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
     """Return the prior of each parameter."""
     rows = []
     for name, prior in posterior.as_dict()["prior"].items():
-        shown = PARAMETERS[name]
-        ends = [f"{shown.shown(prior[end]):g}" for end in ("low", "high")]
-        words = f"{prior['distribution']} from {ends[0]} to {ends[1]}{unit_of(shown)}"
-        if math.isinf(prior["low"]) or math.isinf(prior["high"]):
-            mean, sd = (f"{shown.shown(prior[key]):g}" for key in ("mean", "sd"))
-            words = f"{prior['distribution']}, {mean} ± {sd}{unit_of(shown)}"
+        parameter = PARAMETERS[name]
+        unit, shown = unit_of(parameter), {key: f"{parameter.shown(prior[key]):g}" for key in _PRIOR if key in prior}
         if prior.get("sd") == 0.0:
-            words = f"known, {shown.shown(prior['mean']):g}{unit_of(shown)}"
-        rows.append((Symbols(shown.symbol), shown.meaning, words))
+            words = f"known, {shown['mean']}{unit}"
+        elif math.isinf(prior["low"]) or math.isinf(prior["high"]):
+            words = f"{prior['distribution']}, {shown['mean']} ± {shown['sd']}{unit}"
+        else:
+            words = f"{prior['distribution']} from {shown['low']} to {shown['high']}{unit}"
+        rows.append((Symbols(parameter.symbol), parameter.meaning, words))
     return table(("", "", "prior"), rows, title="Priors")
 
 
@@ -271,21 +284,12 @@ def origin_table(posterior: Posterior) -> pd.DataFrame:
     return table(("", "", "sha256"), rows, title="Origin")
 
 
-def _with_error(name: str, stated: dict[str, Any]) -> tuple[str, str]:
-    """Value with its error in the display unit, and the relative error."""
-    scale, unit = stated_in(name, stated["unit"])
-    value, error = scale * stated["value"], scale * (stated["error"] or 0.0)
-    if not error:
-        return Symbols(f"{value:g}{unit}"), "taken as known"
-    digits = two_digits(error)
-    return Symbols(f"{value:.{digits}f} ± {error:.{digits}f}{unit}"), f"{100.0 * error / value:.2g} %"
-
-
 def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
     """Yield what is printed of a posterior."""
     yield quantity_table(posterior)
     yield agreement_words(posterior)
-    yield "" if (budget := budget_table(posterior)) is None else budget
+    if (budget := budget_table(posterior)) is not None:
+        yield budget
     yield budget_sentence(posterior)
     if posterior.expected_log_modulus_sds:
         yield narrowing_table(posterior)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,7 @@ from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
 from capsbayes.report.numbers import two_digits, unit_of, value_words
 from capsbayes.report.page import image, page, picture
-from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure
+from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure, second_scale
 
 if TYPE_CHECKING:
     from capsbayes.image.detect import Detection
@@ -62,8 +62,6 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
     each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     """
-    import corner  # it imports arviz, a second
-
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
     draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
@@ -72,7 +70,8 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     ends = list(zip(lows - margins, highs + margins, strict=True))
     answer = posterior.deterministic and posterior.deterministic.as_dict()
     figure = new_figure(2.1 * len(shown) + 1.3, 2.1 * len(shown) + 1.3, layout=None)
-    corner.corner(draws, fig=figure, range=ends, labels=[parameter.axis_label for parameter in shown], **_CORNER)
+    labels = [parameter.axis_label for parameter in shown]
+    _corner_of_arrays()(draws, fig=figure, range=ends, labels=labels, **_CORNER)
     for place, ax in enumerate(figure.axes):
         row, column = divmod(place, len(shown))
         up, across = shown[row], shown[column]
@@ -94,6 +93,20 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
         words = "deterministic answer (diffuse approximation)"
         figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
     return figure
+
+
+def _corner_of_arrays() -> Any:
+    """The file of `corner` that draws arrays, alone: for other data, the package first imports arviz, a second."""
+    package: Any = importlib.util.find_spec("corner")
+    core: Any = importlib.util.spec_from_file_location("corner_core", Path(package.origin).with_name("core.py"))
+    module: Any = importlib.util.module_from_spec(core)
+    core.loader.exec_module(module)
+    return module.corner_impl
+
+
+def corner_of_all(posterior: Posterior) -> Figure:
+    """Draw the corner plot with all further coordinates too."""
+    return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
 
 
 def _title(parameter: Parameter, marginal: Marginal) -> str:
@@ -173,9 +186,7 @@ def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) ->
     ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), arrowprops=arrow, **flow)
     ax.set(xlim=ends, ylim=(-1.0 - _THICKNESS, _TOP), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
     ax.set_yticks([-1.0, -0.5, 0.0, 0.5, 1.0])
-    to_micrometres = partial(np.multiply, micrometres), partial(np.multiply, 1.0 / micrometres)
-    top = ax.secondary_xaxis("top", functions=to_micrometres)
-    top.set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
+    second_scale(ax, micrometres).set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
     framed(ax, ("right",))
     ca, size = posterior.marginals["capillary_number"], posterior.marginals["size_ratio"]
     text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
@@ -261,8 +272,6 @@ def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
 
 def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
     """Return a posterior as a whole page in HTML, with the pictures of `capsule_pictures` within it."""
-    caption = "Every pair: contours hold 68 % and 95 % of the probability. Each alone: median and 68 % interval."
-    figure = corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
     source = posterior.measurement.source
     return page(
         "posterior.html",
@@ -271,7 +280,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         name=Path(source).name if source else "without a name",
         headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
         pictures=list(capsule_pictures(posterior, capsule, folder)),
-        corner=picture(figure, "corner plot of the posterior", caption, fit="scroll"),
+        corner=corner_of_all(posterior),
     )
 
 
@@ -288,10 +297,9 @@ def capsule_pictures(
 
 def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
     """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
-    figure, by_hand = None, posterior.measurement.walls  # walls by hand: others would be found in the picture again
+    by_hand = posterior.measurement.walls  # others would be found in the picture again
     known = _measured_in(posterior) if capsule is None else Path(capsule)
-    if known is not None and not by_hand:
-        figure = picture_figure(posterior, known, width=_WIDTH)
+    figure = None if known is None or by_hand else picture_figure(posterior, known, width=_WIDTH)
     if known is not None and figure is not None:
         caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
         alternative = "picture of the capsule with measured and predicted outline"
@@ -300,19 +308,14 @@ def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path |
         caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
         yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True, fit="narrow")
     else:
-        yield from _overlay(posterior, folder)
-
-
-def _overlay(posterior: Posterior, folder: Path | None) -> Iterator[Markup]:
-    """The picture with the detected capsule, from the folder of the result or of the measurement."""
-    source = posterior.measurement.source
-    folders = [folder, Path(source).parent if source else None]
-    drawn = next((place / _OVERLAY for place in folders if place and (place / _OVERLAY).is_file()), None)
-    if drawn is not None:
-        caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
-        caption += " Dashed walls and a dotted axis were stated by hand." * bool(posterior.measurement.walls)
-        alternative = "picture of the capsule with what was found in it"
-        yield image(drawn.read_bytes(), "png", alternative, caption, fit="narrow")
+        source = posterior.measurement.source
+        for place in (folder, Path(source).parent if source else None):
+            if place is not None and (place / _OVERLAY).is_file():
+                caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
+                caption += " Dashed walls and a dotted axis were stated by hand." * bool(by_hand)
+                alternative = "picture of the capsule with what was found in it"
+                yield image((place / _OVERLAY).read_bytes(), "png", alternative, caption, fit="narrow")
+                return
 
 
 def _measured_in(posterior: Posterior) -> Path | None:

@@ -15,7 +15,6 @@ from capsbayes.diagnosis import (
     Deviation,
     Finding,
     Scores,
-    Session,
     Study,
     Verdict,
     Verification,
@@ -41,9 +40,8 @@ _MANY = 1e3  # odds beyond which no number is trusted: it would be that of the t
 
 def opening(study: Study) -> list[str]:
     """Return the sentences that a study begins with: verdict, probabilities, range of G_s, and what the data lack."""
-    of_study = (limits_words, probabilities_words, session_modulus_words, modulus_words, noise_words, outlier_words)
-    further = [*(words(study) for words in of_study), lengths_alone(study.session), not_testable_words(study)]
-    return [verdict_sentence(study), *filter(None, further)]
+    further = (_limits, _probabilities, _session_modulus, _modulus_range, _noise, _outliers, _lacking)
+    return [verdict_sentence(study), *(sentence for words in further for sentence in words(study))]
 
 
 def verdict_sentence(study: Study) -> str:
@@ -57,8 +55,7 @@ def verdict_sentence(study: Study) -> str:
     disagree = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
         named = [step.best for step in study.steps]
-        sizes = "; ".join(f"{scores.effect.parameter.symbol} = {size_words(scores)}" for scores in named)
-        return f"{disagree} {_explanation(named)}: {sizes}."
+        return f"{disagree} {_explanation(named)}: {'; '.join(map(size_words, named))}."
     if study.verdict is Verdict.AMBIGUOUS:
         groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
         *others, last = groups
@@ -76,57 +73,99 @@ def verdict_sentence(study: Study) -> str:
     return f"{disagree} nothing that was tried explains it."
 
 
-def limits_words(study: Study) -> str:
-    """Say which effect could hide and change G_s most where nothing was found; empty for other verdicts."""
+def _limits(study: Study) -> Iterator[str]:
+    """Say which effect could hide and change G_s most where nothing was found."""
     limits = study.limits
-    if limits.empty:
-        return ""
-    row, parameter = limits.iloc[0], study.candidates[str(limits.index[0])].parameter
-    end = max(("low", "high"), key=lambda end: abs(math.log(row[f"modulus_at_{end}"])))
-    change = 100.0 * (row[f"modulus_at_{end}"] - 1.0)
-    what = f"{row['effect']} of {parameter.symbol} = {parameter.shown(row[end]):.2g}{unit_of(parameter)}"
-    return (
-        f"Of all effects that were tried, one that could hide (95 %) changes G_s most: {what}, which would "
-        f"{'lower' if change < 0.0 else 'raise'} it by {abs(change):.0f} %."
-    )
+    if not limits.empty:
+        row, parameter = limits.iloc[0], study.candidates[str(limits.index[0])].parameter
+        end = max(("low", "high"), key=lambda end: abs(math.log(row[f"modulus_at_{end}"])))
+        change = 100.0 * (row[f"modulus_at_{end}"] - 1.0)
+        what = f"{row['effect']} of {parameter.symbol} = {parameter.shown(row[end]):.2g}{unit_of(parameter)}"
+        yield (
+            f"Of all effects that were tried, one that could hide (95 %) changes G_s most: {what}, which would "
+            f"{'lower' if change < 0.0 else 'raise'} it by {abs(change):.0f} %."
+        )
 
 
-def session_modulus_words(study: Study) -> str:
-    """Say the median G_s of the session with its interval; empty where no capsule was compared."""
+def _probabilities(study: Study) -> Iterator[str]:
+    """Say the probabilities of the likeliest effect, of something else, and of nothing, if any were compared."""
+    known = study.all_probabilities
+    if known:
+        effects = [name for name in (*study.names[:1], *known) if name in known and name not in ALONE]
+        words = [f"{study.candidates[name].name} {probability_words(known[name])}" for name in effects[:1]]
+        words += [f"{ALONE[other]} {probability_words(known[other])}" for other in (UNKNOWN, NOTHING)]
+        which = "all capsules" if study.by_all else "one half of the capsules"
+        yield f"Probabilities by {which}, each effect alone: {', '.join(words)}."
+
+
+def _session_modulus(study: Study) -> Iterator[str]:
+    """Say the median G_s of the session with its interval, where a capsule was compared."""
     modulus = study.surface_shear_modulus
-    if not math.isfinite(modulus.median):
-        return ""
-    median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
-    those = {
-        Verdict.NAMED: "the uncertainty of the effect's size and of the viscosity",
-        Verdict.AMBIGUOUS: "the uncertainty of which effect it is, of its size and of the viscosity",
-    }.get(study.verdict, "what the effects that were tried could do, and the uncertainty of the viscosity")
-    interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
-    return f"Median G_s of the session: {interval}, including {those}."
+    if math.isfinite(modulus.median):
+        median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
+        uncertainty = {
+            Verdict.NAMED: "the uncertainty of the effect's size and of the viscosity",
+            Verdict.AMBIGUOUS: "the uncertainty of which effect it is, of its size and of the viscosity",
+        }.get(study.verdict, "what the effects that were tried could do, and the uncertainty of the viscosity")
+        interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
+        yield f"Median G_s of the session: {interval}, including {uncertainty}."
 
 
-def noise_words(study: Study) -> str:
-    """Say how much single outlines scatter beyond their stated noise; empty if they hardly do."""
+def _modulus_range(study: Study) -> Iterator[str]:
+    """Say how much the median G_s depends on the effect that is assumed, where that is not settled.
+
+    Over all effects in question, or, if none explains it, over the model as it was and all effects that improve it.
+    """
+    if study.verdict is Verdict.AMBIGUOUS:
+        scores = [study.scores[name] for name in study.names]
+    elif study.verdict is Verdict.UNKNOWN:
+        scores = [tried for tried in study.scores.values() if tried.log_likelihood_ratio >= LEAST_RATIO]
+    else:
+        return
+    moduli = [tried.modulus[tried.best] for tried in scores]
+    if study.verdict is Verdict.UNKNOWN and study.first_half is not None:
+        moduli.append(study.first_half.median_modulus)
+    low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
+    yield f"Depending on the effect that is assumed, the median G_s is {low:.1f} to {high:.1f}{unit_of(_MODULUS)}."
+
+
+def _noise(study: Study) -> Iterator[str]:
+    """Say how much single outlines scatter beyond their stated noise, if they do."""
     further = study.finding.further_noise
-    stated = [each.outline.noise.scale for each in study.session.measurements if each.outline is not None]
-    if not stated or math.hypot(1.0, further / float(np.median(stated))) < _NOISIER:
-        return ""
-    micrometres = 1e6 * study.session.mean("half_width")
-    return (
-        f"Single outlines scatter by {micrometres * further:.2g} µm beyond their stated noise of "
-        f"{micrometres * float(np.median(stated)):.2g} µm, which is allowed for."
-    )
+    outlines = [measured.outline for measured in study.session.measurements if measured.outline is not None]
+    stated = float(np.median([outline.noise.scale for outline in outlines])) if outlines else math.inf
+    if math.hypot(1.0, further / stated) >= _NOISIER:
+        micrometres = 1e6 * study.session.mean("half_width")
+        yield (
+            f"Single outlines scatter by {micrometres * further:.2g} µm beyond their stated noise of "
+            f"{micrometres * stated:.2g} µm, which is allowed for."
+        )
 
 
-def outlier_words(study: Study) -> str:
-    """Name the capsules of the first half that have no shape of the model; empty if all have one."""
+def _outliers(study: Study) -> Iterator[str]:
+    """Name the capsules that have no shape of the model."""
     outliers = () if study.first_half is None else study.first_half.outliers
     if study.verification is not None:
         outliers += study.verification.comparisons[0].outliers
-    if not outliers:
-        return ""
-    names = ", ".join(outliers)
-    return f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
+    if outliers:
+        names = ", ".join(outliers)
+        yield f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
+
+
+def _lacking(study: Study) -> Iterator[str]:
+    """Say what missing outlines cost, and which effects these data cannot show."""
+    session = study.session
+    without = sum(measured.outline is None for measured in session.measurements)
+    if 0 < without < len(session):
+        yield f"{without} of {len(session)} capsules have no outline; they only count for the trends of G_s."
+    elif without:
+        yield (
+            "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity "
+            "and size are left to compare, and most effects stay unseen; outlines show them, and where."
+        )
+    if study.not_testable:
+        wanted = "" if "flow_rate" in session.circumstances else ", as no flow rates are stated"
+        yield f"Not testable with these data{wanted}: {', '.join(study.not_testable)}."
 
 
 def _explanation(named: list[Scores]) -> str:
@@ -142,45 +181,6 @@ def _explanation(named: list[Scores]) -> str:
 def _listed(names: list[str]) -> str:
     """Names with commas and an "or"."""
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def lengths_alone(session: Session) -> str:
-    """Say what missing outlines cost; empty if every capsule has one."""
-    without = sum(measured.outline is None for measured in session.measurements)
-    if not without:
-        return ""
-    if without < len(session):
-        return f"{without} of {len(session)} capsules have no outline; they only count for the trends of G_s."
-    return (
-        "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity and "
-        "size are left to compare, and most effects stay unseen; outlines show them, and where."
-    )
-
-
-def not_testable_words(study: Study) -> str:
-    """Say which effects these data cannot show; empty if there are none."""
-    if not study.not_testable:
-        return ""
-    wanted = "" if "flow_rate" in study.session.circumstances else ", as no flow rates are stated"
-    return f"Not testable with these data{wanted}: {', '.join(study.not_testable)}."
-
-
-def modulus_words(study: Study) -> str:
-    """Say how much the median G_s depends on the effect that is assumed; empty where that is settled.
-
-    Over all effects in question, or, if none explains it, over the model as it was and all effects that improve it.
-    """
-    if study.verdict is Verdict.AMBIGUOUS:
-        scores = [study.scores[name] for name in study.names]
-    elif study.verdict is Verdict.UNKNOWN:
-        scores = [tried for tried in study.scores.values() if tried.log_likelihood_ratio >= LEAST_RATIO]
-    else:
-        return ""
-    moduli = [tried.modulus[tried.best] for tried in scores]
-    if study.verdict is Verdict.UNKNOWN and study.first_half is not None:
-        moduli.append(study.first_half.median_modulus)
-    low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
-    return f"Depending on the effect that is assumed, the median G_s is {low:.1f} to {high:.1f}{unit_of(_MODULUS)}."
 
 
 def caveats(study: Study) -> Iterator[str]:
@@ -211,18 +211,6 @@ def caveats(study: Study) -> Iterator[str]:
         )
 
 
-def meaning_words(study: Study) -> Iterator[str]:
-    """Yield what each effect in question changes."""
-    for name in study.names:
-        effect = study.scores[name].effect
-        yield f"{effect.name[0].upper()}{effect.name[1:]}: {effect.changes}"
-
-
-def less_likely_words(names: list[str]) -> str:
-    """Say which effects are less likely than those of a table; empty if none is."""
-    return f"Less likely: {', '.join(names)}." if names else ""
-
-
 def origin_words(study: Study) -> str:
     """Say what the study was made of."""
     model = study.tested_model
@@ -242,11 +230,11 @@ def question_words(study: Study, name: str) -> str:
 
 
 def size_words(scores: Scores, share: str = "68 %: ") -> str:
-    """Return the size of an effect with its 68 % interval and unit; `share` introduces the interval."""
+    """Return the size of an effect with its symbol, 68 % interval and unit; `share` introduces the interval."""
     parameter = scores.effect.parameter
     low, high = map(parameter.shown, scores.interval())
     unit = unit_of(parameter)
-    return f"{parameter.shown(scores.size):.3g}{unit} ({share}{low:.3g} to {high:.3g}{unit})"
+    return f"{parameter.symbol} = {parameter.shown(scores.size):.3g}{unit} ({share}{low:.3g} to {high:.3g}{unit})"
 
 
 def odds_words(logarithm: float) -> str:
@@ -263,18 +251,6 @@ def probability_words(probability: float) -> str:
     if probability < 1.0 / _MANY:
         return f"< {1.0 / _MANY:g}"
     return f"> {1.0 - 1.0 / _MANY:g}" if probability > 1.0 - 1.0 / _MANY else f"{probability:.2g}"
-
-
-def probabilities_words(study: Study) -> str:
-    """Say the probabilities of the likeliest effect, of something else, and of nothing; empty if none were compared."""
-    known = study.all_probabilities
-    if not known:
-        return ""
-    named = [name for name in study.names[:1] if name in known] or [name for name in known if name not in ALONE][:1]
-    words = [f"{study.candidates[name].name} {probability_words(known[name])}" for name in named]
-    words += [f"{ALONE[other]} {probability_words(known[other])}" for other in (UNKNOWN, NOTHING)]
-    which = "all capsules" if study.by_all else "one half of the capsules"
-    return f"Probabilities by {which}, each effect alone: {', '.join(words)}."
 
 
 def deviation_words(deviation: Deviation) -> str:
@@ -306,14 +282,13 @@ def candidate_table(study: Study) -> pd.DataFrame:
     rows: list[tuple[str, ...]] = []
     for name, evidence in study.evidence.items():
         odds = _probability(study, name), Symbols(odds_words(evidence))
-        if name in study.scores:
-            scores = study.scores[name]
-            size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores)}")
-            modulus = _modulus(scores.modulus[scores.best])
-            verdict = question_words(study, name)
-            rows.append((_named(study, name), f"{scores.log_likelihood_ratio:.1f}", *odds, size, modulus, verdict))
-        else:
+        if name in ALONE:
             rows.append((_OTHERS[name], "", *odds, "", "", ""))
+        else:
+            scores = study.scores[name]
+            size, modulus = Symbols(size_words(scores)), _modulus(scores.modulus[scores.best])
+            ratio = f"{scores.log_likelihood_ratio:.1f}"
+            rows.append((_named(study, name), ratio, *odds, size, modulus, question_words(study, name)))
     head = ["effect", "log-likelihood ratio", "probability", "odds relative to no effect", "size"]
     head += [Symbols("median G_s"), "candidate?"]
     return table(head, rows, title="Effects that were tried", numbers=(1,))
@@ -322,17 +297,16 @@ def candidate_table(study: Study) -> pd.DataFrame:
 def likeliest_table(study: Study) -> tuple[pd.DataFrame, list[str]]:
     """Return probability, size and G_s of the effects in question and of the likeliest others; names of the rest."""
     effects = [name for name in study.evidence if name in study.scores]
-    shown = {*study.names, *effects[:_SHOWN], *_OTHERS}
+    shown = {*study.names, *effects[:_SHOWN], *ALONE}
     rows: list[tuple[str, ...]] = []
     for name in (name for name in study.evidence if name in shown):
         probability = _probability(study, name)
-        if name in study.scores:
-            scores = study.scores[name]
-            size = Symbols(f"{scores.effect.parameter.symbol} = {size_words(scores, share='')}")
-            modulus = _MODULUS.shown(scores.modulus[scores.best])
-            rows.append((_named(study, name), probability, size, _finite(modulus, ".1f", "", "no such shape")))
-        else:
+        if name in ALONE:
             rows.append((ALONE[name], probability, "", ""))
+        else:
+            scores = study.scores[name]
+            modulus = _finite(_MODULUS.shown(scores.modulus[scores.best]), ".1f", "", "no such shape")
+            rows.append((_named(study, name), probability, Symbols(size_words(scores, share="")), modulus))
     head = ("effect", "probability", "size (68 %)", Symbols(f"median G_s,{unit_of(_MODULUS)}"))
     rest = [study.scores[name].effect.name for name in effects if name not in shown]
     title = "The likeliest of the effects that were tried" if rest else "Effects that were tried"
@@ -424,19 +398,23 @@ def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
     verdict, *further = opening(study)
     yield from (Strong(verdict), *further)
     left_out = study.session.left_out
-    yield "\n  ".join([f"{len(left_out)} capsules were left out:", *left_out]) if left_out else ""
+    if left_out:
+        yield "\n  ".join([f"{len(left_out)} capsules were left out:", *left_out])
     if study.finding.deviations:
         yield finding_table(study.finding)
-    limits = limits_table(study)
-    yield "" if limits is None else limits
+    if (limits := limits_table(study)) is not None:
+        yield limits
     if study.scores:
         likeliest, rest = likeliest_table(study)
         yield likeliest
-        yield less_likely_words(rest)
+        if rest:
+            yield f"Less likely: {', '.join(rest)}."
         yield from caveats(study)
-        yield from meaning_words(study)
+        for name in study.names:
+            effect = study.scores[name].effect
+            yield f"{effect.name[0].upper()}{effect.name[1:]}: {effect.changes}"
     if study.verification is not None:
         yield held_out_table(study.verification)
-        flow_rates = flow_rate_table(study.verification)
-        yield "" if flow_rates is None else flow_rates
+        if (flow_rates := flow_rate_table(study.verification)) is not None:
+            yield flow_rates
     yield origin_words(study)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
@@ -13,16 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from capsbayes.arrays import Floats
-from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Study, Verdict, Verification
+from capsbayes.diagnosis import AlongOutline, Comparison, Finding, Study, Verification
 from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.diagnosis.scores import REGIONS, region_displacements
 from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import arc_share
 from capsbayes.report import study as texts
-from capsbayes.report.page import page, picture
-from capsbayes.report.study import deviation_words
+from capsbayes.report.page import page
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure
-from capsbayes.report.tables import typeset
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
@@ -66,12 +63,14 @@ def moduli(verification: Verification) -> Figure:
     return figure
 
 
-def misfits(compared: Comparison) -> Figure:
-    """Draw the misfit of each capsule over its degrees of freedom at its best Ca and a/l."""
-    figure = new_figure(10.0, 3.8)
-    ax = figure.subplots()
+def misfits(compared: Comparison) -> Figure | None:
+    """Draw the misfit of each capsule over its degrees of freedom at its best Ca and a/l; None if none is known."""
     ca, size, misfit = np.exp(compared.fits.theta[:, 0]), compared.fits.theta[:, 1], compared.misfit
     known, ill = np.isfinite(misfit), compared.fits.ill
+    if not known.any():
+        return None
+    figure = new_figure(10.0, 3.8)
+    ax = figure.subplots()
     largest = max(2.0, float(misfit[known].max()))
     colours: dict[str, Any] = {"c": misfit[known], "cmap": "RdBu_r", "norm": TwoSlopeNorm(1.0, 0.0, largest)}
     shown = ax.scatter(ca[known], size[known], s=60, edgecolors=INK, linewidths=0.6, **colours)
@@ -153,7 +152,7 @@ def _places(outline: Floats) -> dict[str, int]:
 
 
 def _name_regions(ax: Axes, outline: Floats, finding: Finding) -> None:
-    words = {deviation.name: deviation_words(deviation) for deviation in finding.deviations}
+    words = {deviation.name: texts.deviation_words(deviation) for deviation in finding.deviations}
     style = {
         "arrowprops": {"arrowstyle": "-", "color": "#444444", "linewidth": 0.8},
         "bbox": {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "#bbbbbb", "linewidth": 0.6},
@@ -268,49 +267,6 @@ def _moved(outline: Floats, points: Floats, onto: Floats) -> Floats:
 
 def study_page(study: Study) -> str:
     """Return a study as a whole page in HTML, its pictures within it."""
-    pictures: dict[str, Markup] = {}
-    if study.first_half is not None and study.finding.deviations:
-        pictures |= _finding_pictures(study.first_half, study.finding)
-    if study.scores:
-        likelier = "those likelier than no effect" if study.by_all else "the nearest, which fail"
-        dark = likelier if study.verdict is Verdict.UNKNOWN else "the effects in question"
-        caption = f"In a dark colour: {dark}. A log-likelihood ratio of 3 is the least that counts."
-        pictures["candidates"] = picture(candidate_ratios(study), "log-likelihood ratio of each candidate", caption)
-    if study.verification is not None:
-        pictures |= _held_out_pictures(study.verification)
-    return page("study.html", study=study, texts=texts, pictures=pictures)
-
-
-def _finding_pictures(compared: Comparison, finding: Finding) -> dict[str, Markup]:
-    pictures = {}
-    if compared.along_outline is not None:
-        caption = (
-            f"Mean over {len(compared.edges)} capsules of the distance from the predicted to the measured edge, after "
-            "each was given its best Ca and a/ℓ. In the boxes: how far out each region lies in all capsules alike, "
-            "including what Ca and a/ℓ have absorbed of it, so it may exceed the distance that is left to see."
-        )
-        figure = outline_finding(compared.along_outline, finding)
-        pictures["outline"] = picture(figure, "mean residual along the outline", caption)
-    caption = typeset("Of a right model the apparent G_s is the same at every velocity and of every size.")
-    alternative = "apparent shear modulus against velocity and size"
-    pictures["trends"] = picture(trends(compared, finding), alternative, caption)
-    if np.isfinite(compared.misfit).any():
-        caption = typeset(
-            "Misfit of each capsule over its degrees of freedom at its best Ca and a/ℓ: about 1 under a right model. "
-            "Crosses are capsules without a shape of it."
-        )
-        pictures["misfits"] = picture(misfits(compared), "misfit of each capsule over Ca and a/l", caption)
-    return pictures
-
-
-def _held_out_pictures(verification: Verification) -> dict[str, Markup]:
-    pictures = {}
-    if chosen_capsules(verification):
-        caption = (
-            "Above: a small, a middling and a large capsule, measured and predicted. Middle: distance of the measured "
-            "edge from the predicted one, positive outside. Below: the same, mean of all held-out capsules."
-        )
-        alternative = "measured and predicted outlines before and after"
-        pictures["held_out"] = picture(held_out(verification), alternative, caption)
-    caption = "Each held-out capsule with its standard error, without that of the viscosity, which all of them share."
-    return pictures | {"moduli": picture(moduli(verification), "shear moduli before and after", caption)}
+    figures = (outline_finding, trends, misfits, candidate_ratios, held_out, moduli)
+    drawn = {figure.__name__: figure for figure in figures}
+    return page("study.html", study=study, texts=texts, chosen_capsules=chosen_capsules, **drawn)

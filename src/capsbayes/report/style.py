@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from capsbayes.arrays import Floats
 from capsbayes.files.output_file import write_file
@@ -30,10 +35,21 @@ def framed(ax: Axes, hidden: tuple[str, ...] = ("top", "right")) -> Axes:
     return ax
 
 
-def legend_below(figure: Figure, ax: Axes, columns: int, **style: Any) -> None:
-    """Put the legend of axes below the figure."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, **style)
+def legend_below(figure: Figure, entries: Axes | Sequence[Artist], columns: int, **style: Any) -> None:
+    """Put the legend of axes, or of artists that have labels, below the figure."""
+    handles = entries.get_legend_handles_labels()[0] if isinstance(entries, Axes) else entries
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, **style)
+
+
+def second_scale(ax: Axes, factor: float) -> Any:
+    """Put a second scale above axes, a multiple of that below."""
+    return ax.secondary_xaxis("top", functions=(partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)))
+
+
+def outlined(labels: Iterable[Text]) -> None:
+    """Put a dark line around white labels of contours."""
+    for label in labels:
+        label.set_path_effects([withStroke(linewidth=1.5, foreground="#333333")])
 
 
 def ratio_label(name: str) -> str:

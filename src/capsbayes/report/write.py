@@ -64,32 +64,18 @@ def write_report(
     --------
     ``write_report(identify(measurement, model, experiment, seed=1), "capsule.html")``
     """
-    text = report_page(result, picture=picture, spread=spread, rows=rows, source=source)
-    return write_file(out, text)
-
-
-def report_page(
-    result: Result | xr.Dataset,
-    *,
-    picture: str | Path | None = None,
-    spread: ModulusSpread | None = None,
-    rows: int = MOST_ROWS,
-    source: str = "",
-) -> str:
-    """Return the page of a result as text; see `write_report`."""
+    if isinstance(result, xr.Dataset):
+        result = Population.of_dataset(result, source or "population")
     match result:
         case Posterior():
-            return posterior_page(result, capsule=picture, folder=Path(source).parent if source else None)
+            text = posterior_page(result, capsule=picture, folder=Path(source).parent if source else None)
         case Database():
-            return database_page(result, source=source)
+            text = database_page(result, source=source)
         case Study():
-            return study_page(result)
+            text = study_page(result)
         case Population():
-            return population_page(result, spread=spread, rows=rows, source=source)
-    if isinstance(result, xr.Dataset):
-        population = Population.of_dataset(result, source or "population")
-        return population_page(population, spread=spread, rows=rows, source=source)
-    raise InputError("report", "result", f"{_KINDS}, or a study", type(result).__name__)
+            text = population_page(result, spread=spread, rows=rows, source=source)
+    return write_file(out, text)
 
 
 def opened(result: str | Path) -> tuple[Result, str]:

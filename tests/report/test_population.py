@@ -1,4 +1,4 @@
-"""The page of a population: worst first, at most so many, and nothing counted that should not be."""
+"""Page, terminal and figures of a population: worst first, at most so many, and nothing counted that should not be."""
 
 import base64
 import csv
@@ -8,16 +8,42 @@ from html import unescape
 
 import numpy as np
 import pytest
+from matplotlib.patches import StepPatch
+from printed import assert_same, plain
 from results import grown, population
 
 from capsbayes.errors import InputError
-from capsbayes.infer.hierarchy import ModulusSpread
+from capsbayes.infer.checks import Gate
+from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread
 from capsbayes.infer.population import Population
+from capsbayes.report.population import hierarchy_parts, population_parts
 from capsbayes.report.population_figures import modulus_against_radius, modulus_histogram, population_page
 
 
-def text_of(page):
-    return unescape(re.sub(r"<[^>]+>", "", page))
+@pytest.fixture(scope="module")
+def page():
+    return population_page(population())
+
+
+def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
+    rng = np.random.default_rng(5)
+    count = 4000
+    medians = {
+        "surface_shear_modulus": 0.05 * np.exp(0.03 * rng.standard_normal(count)),
+        "capsule_radius": 24e-6 * np.exp(0.01 * rng.standard_normal(count)),
+    }
+    spreads = {name: np.abs(rng.normal(0.12, 0.02, count)) for name in ("modulus_spread", "radius_spread")}
+    draws = medians | spreads | {"modulus_slope": rng.normal(0.3, 0.5, count)}
+    gates = (Gate("effective draws of the population", 300.0, least=400.0),)
+    others = {name: values[::-1] for name, values in medians.items()}
+    hierarchy = Hierarchy(draws, others, 7, None, 0.2, gates, 1)
+    stored = hierarchy.added_to(population())  # which keeps a few of its draws only
+    page = population_page(stored)
+    assert_same([*population_parts(stored), *hierarchy_parts(hierarchy)], page)
+    low, high = (1e3 * np.quantile(draws["surface_shear_modulus"], share) for share in (0.025, 0.975))
+    assert f"95 % [{low:.1f}, {high:.1f}]" in plain(page)
+    assert "20 % of the capsules lean on the border of the model" in plain(page)
+    assert "Do not use the intervals of the population" in plain(page)
 
 
 def test_worst_come_first():
@@ -29,9 +55,8 @@ def test_worst_come_first():
     assert sorted(order) == list(range(8))
 
 
-def test_the_headline_is_of_the_capsules_that_can_be_used():
+def test_the_headline_is_of_the_capsules_that_can_be_used(page):
     one = population()
-    page = population_page(one)
     used = one["surface_shear_modulus_median"][one["status"] == "DONE"]
     assert re.search(rf"Median G<sub>s</sub> = {1e3 * np.median(used):.0f}(\.\d+)? mN/m", page)
     assert "The intervals of 6 of 8 capsules can be used; the other 2 are omitted" in page
@@ -57,9 +82,9 @@ def test_rows_over_the_limit_are_elsewhere_and_the_table_can_be_downloaded_in_si
     assert shown == pytest.approx(list(one["surface_shear_modulus_median"][one.worst_first()[:5]]), nan_ok=True)
 
 
-def test_numbers_of_the_table_are_in_the_units_of_its_headings():
+def test_numbers_of_the_table_are_in_the_units_of_its_headings(page):
     one = population()
-    table = population_page(one).partition("worst first</h2>")[2]
+    table = page.partition("worst first</h2>")[2]
     row = re.search(r"<tr>((?!<tr>).)*capsule 3 &lt;b&gt;.*?</tr>", table, flags=re.S)[0]
     values = [float(value) for value in re.findall(r'data-value="([^"]+)"', row)]
     for name, scale, value in (
@@ -71,8 +96,6 @@ def test_numbers_of_the_table_are_in_the_units_of_its_headings():
 
 
 def test_figures_hold_each_capsule_once_and_the_spread_as_many():
-    from matplotlib.patches import StepPatch
-
     modulus = population()["surface_shear_modulus_median"]
     spread = ModulusSpread(np.log(np.nanmedian(modulus)), 0.2)
     ax = modulus_histogram(population(), spread).axes[0]
@@ -91,18 +114,17 @@ def test_figures_hold_each_capsule_once_and_the_spread_as_many():
 def test_the_spread_is_said_with_its_interval_and_comes_first():
     rng = np.random.default_rng(3)
     spread = ModulusSpread(rng.normal(np.log(0.05), 0.02, 800), np.abs(rng.normal(0.12, 0.01, 800)))
-    text = text_of(population_page(population(), spread=spread))
+    text = plain(population_page(population(), spread=spread))
     assert re.search(r"the median Gs of the capsules is 50\.\d mN/m, 95 % \[48\.\d, 52\.\d\]", text)
     assert re.search(r"differ from it by 12 % \(standard deviation of ln Gs, 95 % \[10 %, 14 %\]\)", text)
     spread = ModulusSpread(np.log([0.049, 0.05, 0.051]), [0.11, 0.12, 0.13])
-    verdict = text_of(re.search(r'<p class="verdict">.*?</p>', population_page(population(), spread=spread), re.S)[0])
-    headline, _, below = verdict.strip().partition("\n")
+    verdict = re.search(r'<p class="verdict">(.*?)<small>(.*?)</p>', population_page(population(), spread=spread), re.S)
+    headline, below = plain(verdict[1]), plain(verdict[2])
     assert re.search(r"errors removed, the median Gs is 50\.0 mN/m, 95 % \[49\.\d, 50\.9\]; .* by 12 %", headline)
     assert re.search(r"Median Gs = .*, with the errors in them\.", below)
 
 
-def test_bars_and_points_say_what_they_stand_for():
-    page = population_page(population())
+def test_bars_and_points_say_what_they_stand_for(page):
     titles = [unescape(title) for title in re.findall(r'class="mark"[^>]*>\s*<title>(.*?)</', page)]
     bars, points = ([one for one in titles if (" of 6 capsules" in one) is chosen] for chosen in (True, False))
     assert sum(int(re.search(r"(\d+) of 6", bar)[1]) for bar in bars) == 6

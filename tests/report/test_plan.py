@@ -1,11 +1,16 @@
+"""Figures of plans and of simulated capsules."""
+
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.collections import PolyCollection
 from polynomial_model import PolynomialModel
 
+from capsbayes import Simulator
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane, identify
 from capsbayes.measurement import Measurement
+from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.plan import (
     LabErrors,
     SobolIndex,
@@ -19,6 +24,7 @@ from capsbayes.quantity import Quantity
 from capsbayes.report import budget_figure, flow_figure, identifiability_figure, sobol_figure
 from capsbayes.report.map import membrane_map_figure
 from capsbayes.report.plan import membrane_flow_figure
+from capsbayes.report.simulation import transient_figure
 from capsbayes.status import Status
 
 LAB = Experiment(cross_section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
@@ -105,3 +111,33 @@ def test_the_map_of_an_unknown_membrane_has_a_panel_for_each_measurement_and_mem
     assert titles == [f"{seen}, membrane {known}" for seen in ("lengths", "outlines") for known in ("unknown", "known")]
     assert "ln" in axes[4].get_ylabel()
     np.testing.assert_allclose(axes[0].patches[0].get_xy()[:, 1].max(), 1.0)
+
+
+@pytest.fixture(scope="module", params=["square", "circular"])
+def moment(request):
+    walls = WallDiscretisation(spacing=0.16, far_spacing=0.3, end=2.5)
+    simulator = Simulator(refinement=4, cross_section=request.param, walls=walls)
+    return next(simulator.transient(capillary_number=0.1, size_ratio=0.8, until=1.0))
+
+
+def collections(figure):
+    figure.draw_without_rendering()
+    channel, membrane = (child for child in figure.axes[0].get_children() if isinstance(child, PolyCollection))
+    return channel, membrane
+
+
+def test_every_moment_has_a_view_with_its_time(moment):
+    figure = transient_figure([moment] * 3)
+    assert [ax.get_title() for ax in figure.axes] == [rf"({letter})   $Ut/\ell = 0$" for letter in "abc"]
+    assert figure.axes[0].texts[-1].get_text() == r"$L_z/\ell = 1.60$,   $V/U = " + f"{moment.velocity_ratio:.2f}$"
+
+
+def test_a_sphere_looks_round_lit_from_above_and_half_of_the_walls_is_behind_it(moment):
+    channel, membrane = collections(transient_figure([moment]))
+    centres = np.array([path.vertices[:3].mean(axis=0) for path in membrane.get_paths()])
+    assert np.hypot(*centres.T).max() == pytest.approx(0.8, rel=0.01)
+    brightness = membrane.get_facecolor()[:, :3].sum(axis=1)
+    assert brightness[centres[:, 1] > 0.4].mean() > 1.3 * brightness[centres[:, 1] < -0.4].mean()
+    pieces = 8 * len(moment.channel.outline(0.005, 0.0)[0])
+    assert len(channel.get_paths()) == pieces / 2
+    assert channel.get_zorder() < membrane.get_zorder()

@@ -1,0 +1,237 @@
+"""The steps of many capsules: several files at once, each measured by its command, and all capsules together."""
+
+from __future__ import annotations
+
+import asyncio
+import html
+import shlex
+import shutil
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import events, ui
+
+from capsbayes.app import fields
+from capsbayes.app.desk import Desk
+from capsbayes.app.fields import Progress, QuantityField, button, step
+from capsbayes.app.stated import EVENTS, KINDS, MEASUREMENT, OVERLAY, measure_command, new_folder, safe_name, said
+from capsbayes.app.worker import WorkFailedError, printed_by
+
+_MOST_SHOWN = 12  # overlays of one file
+_NO_VELOCITY = (
+    "Its velocity is missing: that of step 3 is of one capsule. Type the file's own, or the flow rate in step 3."
+)
+_ENOUGH = 10  # capsules for a diagnosis, half of which are held out
+
+
+@dataclass
+class _File:
+    """A file that was given: where it is kept, its velocity unless it is a film, and its row on the page."""
+
+    folder: Path
+    name: str
+    velocity: QuantityField | None
+    status: ui.label
+    row: ui.element
+    waiting: bool = True
+
+    def say(self, text: str, kind: str = "bench-message") -> None:
+        self.status.text = text
+        self.status.classes(replace=kind)
+
+
+class ManyStep:
+    """Upload of many files, a list of them with a status each, and their measurement.
+
+    The first function is called after each file that was measured, the second with the folder of a capsule that shall
+    be identified.
+    """
+
+    def __init__(self, desk: Desk, grown: Callable[[], object], chosen: Callable[[Path], Awaitable[None]]) -> None:
+        self.desk, self._grown, self._chosen = desk, grown, chosen
+        self._files: list[_File] = []
+        self._running: asyncio.Task[None] | None = None
+        with step("Many capsules: films, .rtdc files, several pictures").classes("bench-many"):
+            ui.label("They are measured with the channel and the liquid of step 3, and added to all capsules.")
+            ui.label(
+                "Each capsule has a velocity of its own, which a film shows: state the flow rate in step 3, or the "
+                "velocity next to each picture. One velocity for the events of a file needs its spread as the error."
+            )
+            rejected = "A file is larger than 512 MB, or of another kind."
+            fields.upload("Drop files here, or choose them with +", KINDS, self._given, "many", rejected, multiple=True)
+            self._rate = QuantityField("Frame rate of a film", ("Hz",))
+            self._pixel = QuantityField("Size of a pixel of an .rtdc file", ("um", "nm"))
+            self._flow = fields.choice("Flow in all of them", fields.FLOWS, "")
+            with ui.row():
+                self._start = button("Measure them all", self._pressed, "")
+                self._stop = button("Stop", self._stopped)
+            self._message = fields.notice("bench-message")
+            self._progress = Progress()
+            self._list = ui.column().classes("bench-files").props('aria-live="polite"')
+            self._lines = ui.column().classes("bench-result")
+        self._start.enabled = self._stop.enabled = False
+
+    async def _given(self, event: events.UploadEventArguments) -> None:
+        """Keep a file in a folder of its own, and show it."""
+        name = safe_name(event.file.name)
+        if name is None:
+            self._message.text = f"{event.file.name}: expected one of {', '.join(KINDS)}."
+            return
+        folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
+        await event.file.save(folder / name)
+        try:
+            seen = await self.desk.bench.measuring.run("shown", folder=str(folder), name=name)
+        except WorkFailedError as error:
+            shutil.rmtree(folder)
+            self._message.text = str(error)
+            return
+        of_events = name.endswith(EVENTS)
+        film, velocity = seen["count"] > 1 and not of_events, None
+        with self._list, ui.element("div").classes("bench-file") as row:
+            ui.html(f'<img src="{seen["src"]}" alt="{html.escape(name)}">', sanitize=False)
+            with ui.element("div"):
+                count = f", {seen['count']} {'frames' if film else 'events'}" if seen["count"] > 1 else ""
+                ui.label(f"{name}: {seen['columns']} x {seen['rows']} px{count}")
+                if not film:
+                    label = "Velocity shared by all events, ± its spread" if of_events else "Velocity of this capsule"
+                    velocity = QuantityField(label, ("mm/s", "um/s", "m/s"))
+                status = ui.label("waits").classes("bench-told")
+        self._files.append(_File(folder, name, velocity, status, row))
+        self._start.enabled = self._running is None
+
+    def _pressed(self) -> None:
+        self._running = asyncio.create_task(self._measured())
+
+    def _stopped(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+
+    async def _measured(self) -> None:
+        """Measure the files that wait, one after the other."""
+        stated = {"flow_rate": self.desk.stated.flow_rate, "frame_rate": self._rate.text}
+        stated |= {"pixel_size": self._pixel.text, "flow": self._flow.value or ""}
+        tension = self.desk.experiment.get("viscous_tension")
+        done: list[str] = []
+        self._start.enabled, self._stop.enabled = False, True
+        try:
+            with self._progress:
+                for file in [file for file in self._files if file.waiting]:
+                    missing = self.desk.keep_experiment(file.folder)
+                    self._message.text = missing and f"{missing} See step 3."
+                    if missing:
+                        return
+                    film = file.velocity is None
+                    velocity = "" if file.velocity is None or tension else file.velocity.text
+                    if not (velocity or stated["flow_rate"] or tension or film):
+                        file.say(_NO_VELOCITY)
+                        continue
+                    words = measure_command(file.name, film=film, velocity=velocity, **stated)
+                    if await self._measure(file, words):
+                        done.append(f"cd {shlex.quote(str(file.folder))}; {shlex.join(words)}")
+        finally:
+            self._running, self._stop.enabled = None, False
+            self._start.enabled = any(file.waiting for file in self._files)
+            self._lines.clear()
+            if done:
+                with self._lines:
+                    fields.show_commands(done, "do the same")
+
+    async def _measure(self, file: _File, words: list[str]) -> bool:
+        """Measure a file; return whether a capsule was measured in it."""
+
+        def watch(done: float, total: float | None, what: str) -> None:
+            self._progress.show(done, total, f"{what} of {file.name}")
+
+        file.status.text = "is measured"
+        try:
+            status, printed = await printed_by(words[1:], file.folder, watch, limited=True)
+        except asyncio.CancelledError:
+            file.status.text = "waits"
+            raise
+        measured = sorted(file.folder.glob("**/measurement.toml"))
+        if status == 0 and measured:
+            file.waiting = False
+            file.say(printed.strip().splitlines()[-1], "bench-status good")
+            self._show(file, measured)
+            self._grown()
+            return True
+        file.say(said(" ".join(printed.split()[-40:]) if status == 2 else printed.strip().splitlines()[-1]))
+        return False
+
+    def _show(self, file: _File, measured: list[Path]) -> None:
+        """Link to the overlays of what was measured, so that a person can look, and choose one to be identified."""
+        with file.row, ui.element("div"):
+            for path in measured[:_MOST_SHOWN]:
+                overlay = path.with_name(OVERLAY)
+                if overlay.is_file():
+                    words = path.parent.name if path.parent != file.folder else "overlay"
+                    ui.link(words, self.desk.bench.offer(overlay), new_tab=True)
+                    choose = button("Identify", partial(self._chosen, path.parent), "flat dense ")
+                    choose.props(f'aria-label="Identify {words} of {file.name}"')
+
+
+class PopulationStep:
+    """Step six: commands over the folder of all capsules, the next flow rate, and what the model misses."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._last: tuple[Path, dict[str, Any]] | None = None
+        with step("6. All capsules"):
+            self._count = ui.label()
+            with ui.row():
+                self._together = button("Look at all together", self._population)
+                self._flow = button("At which flow rate next?", self._design)
+                self._diagnose = button("What does the model miss?", self._diagnosis)
+            self._waiting = Progress()
+            self._result = fields.result()
+        self.grown()
+
+    def grown(self, summary: dict[str, Any] | None = None) -> None:
+        """Count the saved capsules; the last one is that of a summary, if there is one."""
+        if summary is not None and self.desk.folder is not None:
+            self._last = self.desk.folder, summary
+        count = len(list(self.desk.bench.folder.glob("*/**/measurement.toml")))
+        self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {self.desk.bench.folder}."
+        self._together.enabled = count > 0
+        self._flow.enabled = self._last is not None
+        self._diagnose.enabled = count >= _ENOUGH
+        self._diagnose.text = "What does the model miss?" + f" from {_ENOUGH} capsules on" * (count < _ENOUGH)
+
+    async def _population(self) -> None:
+        batch = ["capsbayes", "batch", ".", "--out", "population.nc", "--check", "0"]
+        await self._run(
+            [batch, ["capsbayes", "report", "population.nc", "--out", "population.html"]], "population.html"
+        )
+
+    async def _design(self) -> None:
+        assert self._last is not None, "the button waits for a saved capsule"
+        folder, summary = self._last
+        modulus, radius = (summary[name] for name in ("surface_shear_modulus", "capsule_radius"))
+        measured = (folder / MEASUREMENT).relative_to(self.desk.bench.folder).as_posix()  # film/capsule-1/... too
+        expected = [
+            "--shear-modulus", f"{1e3 * modulus[0]:.3g} +/- {1e3 * modulus[1]:.2g} mN/m",
+            "--radius", f"{1e6 * radius[0]:.4g} +/- {1e6 * radius[1]:.2g} um",
+        ]  # fmt: skip
+        await self._run([["capsbayes", "sensitivity", "flow", *expected, "--like", measured]])
+
+    async def _diagnosis(self) -> None:
+        await self._run([["capsbayes", "diagnose", ".", "--out", "diagnosis"]], "diagnosis/study.html")
+
+    async def _run(self, commands: list[list[str]], page: str = "") -> None:
+        """Run commands one after the other in the bench's folder; show what the last one printed, and its page."""
+        folder = self.desk.bench.folder
+        self._result.clear()
+        status, printed = 0, ""
+        with self._waiting:
+            for words in commands:
+                status, printed = await printed_by(words[1:], folder, self._waiting.show)
+                if status not in (0, 1):
+                    break
+        with self._result:
+            if page and (folder / page).is_file() and status in (0, 1):
+                ui.link(f"Open {Path(page).name}", self.desk.bench.offer(folder / page), new_tab=True)
+            fields.show_lines(printed.strip())
+            fields.show_commands(map(shlex.join, [["cd", str(folder)], *commands]), "do the same")

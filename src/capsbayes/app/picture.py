@@ -1,0 +1,195 @@
+"""Steps one and two: the picture, and what is found in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import events, ui
+
+from capsbayes.app.desk import Desk
+from capsbayes.app.fields import FLOWS, Overlay, button, choice, notice, step, upload
+from capsbayes.app.stated import EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
+from capsbayes.app.worker import WorkFailedError
+from capsbayes.files.input_file import PICTURES
+
+_CONTRASTS = {"": "found in the picture", "dark": "darker than the liquid", "bright": "brighter than the liquid"}
+_COLOURS = {"wall": "walls", "edge": "edge", "rear": "concave rear", "predicted": "predicted outline"}
+
+
+class PictureStep:
+    """Upload of a picture, the overlay, and what may be stated by hand.
+
+    The function is called after each measurement, with True if the capsule can be identified.
+    """
+
+    def __init__(self, desk: Desk, changed: Callable[[bool], object]) -> None:
+        self.desk, self._changed = desk, changed
+        self._silent, self._flow_seen = False, ""
+        self._hand: dict[str, Any] = {}  # fields of what may be stated by hand, by their names in `Stated`
+        with step("1. The picture"):
+            ui.label(
+                "One capsule between the two walls, the flow along the rows: PNG, TIFF or JPEG. The file stays on this "
+                "computer."
+            )
+            label, rejected = "Drop a picture here, or choose it with +", "This file is larger than 512 MB."
+            self._upload = upload(label, PICTURES, self._given, "picture", rejected)
+            self._message = notice()
+        with step("2. What is found in it") as self._card:
+            self.overlay = Overlay(self._walls_moved, self._box_drawn)
+            legend = "".join(f'<span class="{name}">{text}</span>' for name, text in _COLOURS.items())
+            ui.html(f'<p class="bench-legend">{legend}</p>', sanitize=False)
+            self._status = notice("bench-status")
+            self._numbers = ui.html("", sanitize=False)
+            with ui.expansion("Put something right by hand").classes("bench-by-hand") as self._put_right:
+                self._by_hand()
+        self._card.visible = False
+
+    def _by_hand(self) -> None:
+        """Fields of what may be stated by hand."""
+        ui.label("Drag a wall in the picture, move it with the arrow keys, or give numbers in px from the upper left.")
+        with ui.row():
+            self._field("walls", "Rows of the two walls, as 12.5, 187.0")
+            self._field("wall_error", "Error of either wall in px")
+        with ui.row():
+            self._field("crop", "Part: left, top, width, height")
+            self._drawing = ui.switch("draw it in the picture", on_change=lambda: self._let_draw(erase=False))
+        with ui.row():
+            self._field("erase", "Wrong outline: left, top, width, height; ...")
+            self._erasing = ui.switch("erase in the picture", on_change=lambda: self._let_draw(erase=True))
+        with ui.row():
+            for name, label, options in (("flow", "Flow", FLOWS), ("contrast", "Capsule and walls", _CONTRASTS)):
+                self._hand[name] = choice(label, options, "", on_change=partial(self._state, name))
+        with ui.row():
+            button("Turn the flow round", self._turn)
+            button("Find everything again", self._forget)
+        ui.label("Picture of the empty channel, if there is one:")
+        upload("Empty channel", PICTURES, self._background_given, "background")
+
+    def _field(self, name: str, label: str) -> None:
+        field = ui.input(label, on_change=partial(self._state, name))
+        self._hand[name] = field.props("dense outlined debounce=600")
+
+    async def _given(self, event: events.UploadEventArguments) -> None:
+        await self._taken(event)
+        self._upload.reset()  # earlier, it would break off the request that brings the file
+
+    async def _taken(self, event: events.UploadEventArguments) -> None:
+        """Keep a picture in a folder of its own, show it, and measure it."""
+        name = safe_name(event.file.name, PICTURES)
+        if name is None:
+            self._tell(f"Expected a picture ({', '.join(PICTURES)}).", bad=True)
+            return
+        folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
+        await event.file.save(folder / name)
+        self.desk.folder, self.desk.stated = folder, self.desk.stated.of(picture=name)
+        try:
+            picture = await self.desk.measured("shown", name=name)
+            self.desk.bench.identifying.start()
+        except WorkFailedError as error:
+            self.desk.folder, self._card.visible = None, False
+            self._tell(str(error), bad=True)
+            (folder / name).unlink(missing_ok=True)
+            folder.rmdir()
+            self._changed(False)
+            return
+        self._show(picture, f"{name}: {picture['columns']} x {picture['rows']} pixels.")
+        await self.measure()
+
+    async def show_measured(self, folder: Path) -> None:
+        """Show a capsule that was measured in a film or in an event, by the overlay that is kept in its folder."""
+        self.desk.folder, self.desk.stated = folder, self.desk.stated.of(measured=MEASUREMENT)
+        self._show(
+            await self.desk.measured("shown", name=OVERLAY), f"{folder.name} of {folder.parent.name} was chosen."
+        )
+        self._status.text, self._numbers.content = "The capsule was measured, as its overlay shows.", ""
+        self._changed(True)
+
+    def _show(self, picture: dict[str, Any], words: str) -> None:
+        """Show another picture, and in the fields what is stated of it, without measuring for each."""
+        self._tell(words)
+        self._card.visible = True
+        self._put_right.visible = not self.desk.stated.measured
+        self._show_stated()
+        self.overlay.show(picture)
+
+    def _show_stated(self) -> None:
+        self._silent = True
+        for name, field in self._hand.items():
+            field.value = getattr(self.desk.stated, name)
+        self._silent = False
+
+    def _tell(self, text: str, *, bad: bool = False) -> None:
+        self._message.text = text
+        self._message.classes(replace="bench-message" if bad else "bench-told")
+
+    async def _background_given(self, event: events.UploadEventArguments) -> None:
+        name = safe_name(event.file.name, PICTURES)
+        if name is None or self.desk.folder is None:
+            return
+        await event.file.save(self.desk.folder / f"empty-{name}")
+        self.desk.stated.background = f"empty-{name}"
+        await self.measure()
+
+    async def measure(self) -> None:
+        """Measure the picture as it is stated now, and draw what is found."""
+        if self.desk.folder is None or self.desk.stated.measured:
+            return
+        if not (self.desk.folder / EXPERIMENT).exists() and self.desk.experiment:
+            self.desk.keep_experiment()
+        try:
+            seen = await self.desk.measured("measured", stated=self.desk.stated)
+        except WorkFailedError as error:
+            self._status.text = str(error)
+            self._changed(False)
+            return
+        self._flow_seen = {1: "right", -1: "left"}.get(seen["flow"], "")
+        self.overlay.draw(seen, by_hand=bool(self.desk.stated.walls))
+        flow = f", the flow is to the {self._flow_seen}" if self._flow_seen else ""
+        self._status.text = f"The capsule was measured{flow}." if seen["ok"] else f"{seen['status']}{flow}"
+        rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in seen["rows"])
+        head = "<tr><th></th><th>pixels</th><th>over ℓ</th></tr>"
+        self._numbers.content = f"<table class='bench-table'>{head}{rows}</table>" if rows else ""
+        self._changed(seen["ok"])
+
+    async def _state(self, name: str, event: events.ValueChangeEventArguments) -> None:
+        text = (event.value or "").strip()
+        if self._silent or self.desk.folder is None or getattr(self.desk.stated, name) == text:
+            return
+        setattr(self.desk.stated, name, text)
+        if name == "walls" and not text:
+            self.desk.stated.wall_error = ""
+        await self.measure()
+
+    async def _walls_moved(self, rows: list[float]) -> None:
+        upper, lower = [f"{row:.1f}" for row in rows[:2]], [f"{row:.1f}" for row in rows[2:]]
+        level = upper[0] == upper[1] and lower[0] == lower[1]
+        text = f"{upper[0]}, {lower[0]}" if level else f"{' '.join(upper)}, {' '.join(lower)}"
+        self._hand["walls"].value = text  # which states it, and measures again
+
+    async def _box_drawn(self, numbers: list[float]) -> None:
+        text = ", ".join(f"{number:g}" for number in numbers)
+        if self._erasing.value:
+            self._hand["erase"].value = "; ".join(filter(None, (self._hand["erase"].value, text)))
+        else:
+            self._drawing.value = False
+            self._hand["crop"].value = text
+
+    def _let_draw(self, *, erase: bool) -> None:
+        """Let a box be drawn for one of the two switches, and turn the other off."""
+        switch, other = (self._erasing, self._drawing) if erase else (self._drawing, self._erasing)
+        if switch.value:
+            other.value = False
+        self.overlay.put(drawing=self._drawing.value or self._erasing.value)
+
+    def _turn(self) -> None:
+        now = self.desk.stated.flow or self._flow_seen or "left"
+        self._hand["flow"].value = "left" if now == "right" else "right"
+
+    async def _forget(self) -> None:
+        stated = self.desk.stated
+        self.desk.stated = stated.of(stated.picture, background=stated.background, membrane=stated.membrane)
+        self._show_stated()
+        await self.measure()

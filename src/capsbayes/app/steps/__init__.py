@@ -1,1 +1,0 @@
-"""The steps of the page, one file a step."""
