@@ -19,7 +19,7 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.likelihood import compiled
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.population import Population, merged
-from capsbayes.infer.posterior import inference_data, shown
+from capsbayes.infer.posterior import check_units, inference_data
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.proposal import effective, normalised, rows_by_weight, smoothed, weight_gates
 from capsbayes.infer.selection import (
@@ -456,8 +456,7 @@ class Hierarchy(Readable):
         """
         import xarray as xr
 
-        if units not in ("si", "shown"):
-            raise InputError("hierarchy", "units", '"si" or "shown"', repr(units))
+        check_units(units, "hierarchy")
         assert self.log_posterior is not None, "a hierarchy is made by `hierarchy`"
         every = slice(None, None, max(len(self.parameters) // _STORED, 1))
         draws = {
@@ -469,7 +468,7 @@ class Hierarchy(Readable):
             {"capsules": (("chain", "draw", "capsule"), of_capsules[None])}, {"capsule": self.names}
         )
         groups = {"posterior": xr.Dataset(draws), "log_likelihood": likelihood}
-        return inference_data(shown(groups) if units == "shown" else groups)
+        return inference_data(groups, units)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""

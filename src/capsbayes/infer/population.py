@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -18,7 +17,7 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.files.csv_file import safe_cell
 from capsbayes.files.output_file import write_dataset, write_lines
-from capsbayes.infer.posterior import REPORTED
+from capsbayes.infer.posterior import REPORTED, read_attributes
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.verdict import PREDICTED
 from capsbayes.measurement_sets import NUMBERS, opened
@@ -406,13 +405,7 @@ class Population(Readable):
     @property
     def attributes(self) -> dict[str, Any]:
         """Attributes of the run, JSON values read."""
-        found = {}
-        for name, value in self.dataset.attrs.items():
-            try:
-                found[str(name)] = json.loads(value) if isinstance(value, str) else value
-            except json.JSONDecodeError:
-                found[str(name)] = value
-        return found
+        return read_attributes(self.dataset.attrs)
 
 
 @functools.lru_cache(maxsize=1024)  # most texts are those of the row before

@@ -31,9 +31,8 @@ from capsbayes.infer.conditional import (
     STEP,
     Batch,
     Capsules,
-    Lengths,
     Membranes,
-    Outlines,
+    ShapeModel,
     Start,
     Step,
     Unknowns,
@@ -817,9 +816,8 @@ def capsules_of(
 ) -> Capsules:
     """Return the capsules of a batch, to be found at given membranes; the model's own error is not yet in theirs."""
     batch = batch_of(measurements, experiment, model, scale_error=scale_error)
-    numbers = Lengths if measurements[0].outline is None else Outlines
-    viscosity = float(np.log(experiment.viscosity.value))
-    return Capsules(batch, numbers(model, experiment.half_width.value), viscosity)
+    shapes = ShapeModel(model, experiment.half_width.value, outline=measurements[0].outline is not None)
+    return Capsules(batch, shapes, float(np.log(experiment.viscosity.value)))
 
 
 def unknowns_of(
