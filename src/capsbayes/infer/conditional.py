@@ -634,9 +634,9 @@ def _by_place(shapes: Shapes, own: Floats) -> Shapes:
 
 # Coordinates in which the membrane of a batch and the spreads of its population are drawn
 
-_WIDEST = (1.0, 0.5, 0.5)  # scales of half-normal priors of the spreads of ln G_s, of a/l and of ln alpha
+_WIDEST = np.array([1.0, 0.5, 0.5])  # scales of half-normal priors of the spreads of ln G_s, of a/l and of ln alpha
 _NARROWEST = 1e-4  # below it G_s and a are the same for all; their weights would cancel to fewer digits than are needed
-_USUAL, _WIDTH = (np.log(0.15), np.log(0.06), np.log(0.2)), np.log(3.0)  # of logs: where spreads are sought
+_USUAL, _WIDTH = np.log([0.15, 0.06, 0.2]), np.log(3.0)  # of logs: where spreads are sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -673,24 +673,22 @@ class Unknowns:
         return self.scores + len(self.sought)
 
     @property
-    def sought(self) -> tuple[int, ...]:
-        """Which of the spreads are unknown."""
-        return tuple(which for which, spread in enumerate(self.spreads) if spread is None)
+    def sought(self) -> list[int]:
+        """Which of the spreads are unknown: the last columns of a point are their logs."""
+        return [which for which, spread in enumerate(self.spreads) if spread is None]
 
     def wide(self, uniform: Floats) -> Floats:
         """Return points (d, p) of the unit cube (d, p) as draws of the priors, spreads about what is usual."""
         points = ndtri(uniform)
-        for column, which in enumerate(self.sought, self.scores):
-            points[:, column] = _USUAL[which] + _WIDTH * points[:, column]
+        points[:, self.scores :] = _USUAL[self.sought] + _WIDTH * points[:, self.scores :]
         return np.asarray(points)
 
     def log_wide(self, points: Floats) -> Floats:
         """Return the log density of `wide` : (d,) array."""
-        middle, width = np.zeros(self.dimensions), np.ones(self.dimensions)
-        for column, which in enumerate(self.sought, self.scores):
-            middle[column], width[column] = _USUAL[which], _WIDTH
-        away = (points - middle) / width
-        return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
+        away = points.copy()
+        away[:, self.scores :] = (points[:, self.scores :] - _USUAL[self.sought]) / _WIDTH
+        logs = -0.5 * np.sum(away**2 + np.log(2.0 * np.pi), axis=1)
+        return np.asarray(logs - len(self.sought) * np.log(_WIDTH))
 
     def membranes(self, points: Floats) -> dict[str, Floats]:
         """Return the coordinates of the model at points (d, p), by name : (d,) arrays; thickness for bending."""
@@ -707,13 +705,10 @@ class Unknowns:
 
     def log_prior(self, points: Floats) -> Floats:
         """Return the log of the prior density : (d,) array."""
-        scores = points[:, : self.scores]
+        scores, log_spreads, widest = points[:, : self.scores], points[:, self.scores :], _WIDEST[self.sought]
         logs = -0.5 * np.sum(scores**2 + np.log(2.0 * np.pi), axis=1)
-        for column, which in enumerate(self.sought, self.scores):
-            log_spread = points[:, column]
-            share = np.exp(log_spread) / _WIDEST[which]
-            logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(_WIDEST[which]) + log_spread - 0.5 * share**2
-        return np.asarray(logs)
+        of_spreads = np.log(np.sqrt(2.0 / np.pi) / widest) + log_spreads - 0.5 * (np.exp(log_spreads) / widest) ** 2
+        return np.asarray(logs + np.sum(of_spreads, axis=1))
 
 
 def key_of(coordinate: Coordinate) -> str:

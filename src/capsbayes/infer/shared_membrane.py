@@ -155,20 +155,19 @@ def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
 # Where the posterior of the membrane of a batch has its modes: Gauss-Newton steps along all unknowns together
 
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
-_USUAL = (0.2, 0.06, 0.2)  # spreads of ln G_s, of a/l and of ln alpha while modes are sought
+_USUAL = np.log([0.2, 0.06, 0.2])  # logs of the spreads of ln G_s, of a/l and of ln alpha while modes are sought
 _PILOTS = 2  # best membranes at which the model's error is read, one after the other
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score
 _FARTHEST = 3.0  # normal score
 _HALVINGS = 4
-_NARROWEST, _OF_SPREADS = (0.05, 0.02, 0.05), 0.4  # spreads at first, and standard deviation of their logs
+_NARROWEST, _OF_SPREADS = np.array([0.05, 0.02, 0.05]), 0.4  # spreads at first, and standard deviation of their logs
 
 
 def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
     """Return the best points (d, p) of some over the prior."""
     points = unknowns.wide(quasi_random(unknowns.dimensions, _STARTS, 0))
-    for column, which in enumerate(unknowns.sought, unknowns.scores):
-        points[:, column] = np.log(_USUAL[which])
+    points[:, unknowns.scores :] = _USUAL[unknowns.sought]
     tried = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), iterations=2)
     return np.asarray(points[np.argsort(-tried.log_evidence, kind="stable")[:_BEST]])
 
@@ -243,9 +242,8 @@ def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: 
 def _with_spreads(unknowns: Unknowns, points: Floats, capsules: Capsules, own: Floats, log_ratio: Floats) -> Floats:
     """Return points with the spreads that the capsules have about their means."""
     moduli = capsules.log_moduli(own, log_ratio)
-    spreads = np.concatenate([moduli[..., None], own[..., 1:]], axis=2).std(axis=1).T
-    for column, which in enumerate(unknowns.sought, unknowns.scores):
-        points[:, column] = np.log(np.maximum(spreads[which], _NARROWEST[which]))
+    spreads = np.concatenate([moduli[..., None], own[..., 1:]], axis=2).std(axis=1)
+    points[:, unknowns.scores :] = np.log(np.maximum(spreads, _NARROWEST[: spreads.shape[1]]))[:, unknowns.sought]
     return points
 
 
