@@ -685,10 +685,10 @@ class Unknowns:
 
     def log_wide(self, points: Floats) -> Floats:
         """Return the log density of `wide` : (d,) array."""
-        away = points.copy()
-        away[:, self.scores :] = (points[:, self.scores :] - _USUAL[self.sought]) / _WIDTH
-        logs = -0.5 * np.sum(away**2 + np.log(2.0 * np.pi), axis=1)
-        return np.asarray(logs - len(self.sought) * np.log(_WIDTH))
+        middle, width = np.zeros(self.dimensions), np.ones(self.dimensions)
+        middle[self.scores :], width[self.scores :] = _USUAL[self.sought], _WIDTH
+        away = (points - middle) / width
+        return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
 
     def membranes(self, points: Floats) -> dict[str, Floats]:
         """Return the coordinates of the model at points (d, p), by name : (d,) arrays; thickness for bending."""
@@ -705,10 +705,11 @@ class Unknowns:
 
     def log_prior(self, points: Floats) -> Floats:
         """Return the log of the prior density : (d,) array."""
-        scores, log_spreads, widest = points[:, : self.scores], points[:, self.scores :], _WIDEST[self.sought]
-        logs = -0.5 * np.sum(scores**2 + np.log(2.0 * np.pi), axis=1)
-        of_spreads = np.log(np.sqrt(2.0 / np.pi) / widest) + log_spreads - 0.5 * (np.exp(log_spreads) / widest) ** 2
-        return np.asarray(logs + np.sum(of_spreads, axis=1))
+        logs = -0.5 * np.sum(points[:, : self.scores] ** 2 + np.log(2.0 * np.pi), axis=1)
+        for log_spread, widest in zip(points[:, self.scores :].T, _WIDEST[self.sought], strict=True):
+            share = np.exp(log_spread) / widest
+            logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(widest) + log_spread - 0.5 * share**2
+        return np.asarray(logs)
 
 
 def key_of(coordinate: Coordinate) -> str:
