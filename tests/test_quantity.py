@@ -270,6 +270,8 @@ def test_a_quantity_is_its_distribution(quantity):
     np.testing.assert_allclose(quantity.logpdf(values), frozen.logpdf(values))
     np.testing.assert_allclose(quantity.pdf(values), frozen.pdf(values))
     np.testing.assert_allclose(quantity.cdf(values), np.linspace(0.01, 0.99, 9))
+    shares = np.array([0.0, 0.1, 0.77, 1.0, 1.1])
+    np.testing.assert_allclose(quantity.ppf(shares), frozen.ppf(shares), rtol=1e-12)
     assert (quantity.mean, quantity.sd) == pytest.approx((frozen.mean(), frozen.std()))
     draws = quantity.drawn(np.random.default_rng(1), 20_000)
     assert draws.mean() == pytest.approx(quantity.mean, abs=0.05 * quantity.sd)

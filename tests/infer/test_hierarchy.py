@@ -30,6 +30,11 @@ def population(model):
     return drawn_population(model, 150, seed=3)
 
 
+@pytest.fixture(scope="module")
+def found(population):
+    return hierarchy(population, seed=1)
+
+
 def test_likelihood_of_single_gaussians_is_that_of_their_sum():
     """With one component a capsule, the capsules are draws of N(mu, Sigma + S)."""
     rng = np.random.default_rng(1)
@@ -47,8 +52,7 @@ def test_likelihood_of_single_gaussians_is_that_of_their_sum():
     assert into[0] == pytest.approx(wanted + 5 * np.log(2.0 * np.pi), rel=1e-5)
 
 
-def test_population_is_found(population):
-    found = hierarchy(population, seed=1)
+def test_population_is_found(found):
     assert found.passed
     assert found.capsules == 150
     for name, truth in TRUTH.items():
@@ -61,7 +65,7 @@ def test_population_is_found(population):
 
 
 @pytest.mark.slow
-def test_importance_sampling_and_emcee_agree(population):
+def test_importance_sampling_and_emcee_agree(population, found):
     components = population["likelihood"].copy()
     components[:, :, 1] += np.log(0.85)
     components[:, :, 2] += np.log(25e-6)
@@ -69,7 +73,6 @@ def test_importance_sampling_and_emcee_agree(population):
     log_posterior = LogPosterior(
         components, Selection.of(population, kept, population.limit, viscosity=0.85, half_width=25e-6)
     )
-    found = hierarchy(population, seed=1)
     plain = found.without_shared | {"modulus_slope": found.draws["modulus_slope"]}
     rng = np.random.RandomState(4)
     start = log_posterior.start + 0.02 * rng.normal(size=(24, 5))
@@ -231,8 +234,7 @@ def test_errors_that_all_share_shift_the_result_and_the_limit_with_it(model):
     assert np.median(halved.missing) == pytest.approx(np.median(found.missing), rel=0.02, abs=1.0)
 
 
-def test_a_population_without_losses_is_not_changed(population):
-    found = hierarchy(population, seed=1)
+def test_a_population_without_losses_is_not_changed(found):
     assert np.median(found.missing) <= 3.0
     assert abs(found.changes["surface_shear_modulus"]) < 5e-3
 
@@ -259,16 +261,15 @@ def test_odd_capsules_are_noticed_and_hardly_move_t_distributions(model):
     assert "heavier tails than a normal distribution" in " ".join(caveats(plain.as_dict()))
 
 
-def test_a_normal_population_has_no_odd_tails_and_the_same_spreads_by_t_distributions(population):
-    plain, robust = hierarchy(population, seed=1), hierarchy(population, seed=1, tails="student")
+def test_a_normal_population_has_no_odd_tails_and_the_same_spreads_by_t_distributions(population, found):
+    plain, robust = found, hierarchy(population, seed=1, tails="student")
     assert not plain.odd_tails
     for name in ("surface_shear_modulus", "modulus_spread_at_given_size", "radius_spread", "modulus_slope"):
         one, other = plain.marginals[name], robust.marginals[name]
         assert other.median == pytest.approx(one.median, abs=one.sd), name
 
 
-def test_result_lies_next_to_the_capsules(tmp_path, population):
-    found = hierarchy(population, seed=1)
+def test_result_lies_next_to_the_capsules(tmp_path, population, found):
     found.added_to(population).write(tmp_path / "p.nc")
     again = Population.read(tmp_path / "p.nc")
     draws = again["population_surface_shear_modulus"]
@@ -277,8 +278,8 @@ def test_result_lies_next_to_the_capsules(tmp_path, population):
     hierarchy(again, seed=2).added_to(again).write(tmp_path / "p.nc")
 
 
-def test_a_velocity_error_of_all_widens_the_mean_alone(population):
-    plain, wide = hierarchy(population, seed=1), hierarchy(population, seed=1, shared_velocity_error=0.1)
+def test_a_velocity_error_of_all_widens_the_mean_alone(population, found):
+    plain, wide = found, hierarchy(population, seed=1, shared_velocity_error=0.1)
     assert wide.marginals["surface_shear_modulus"].sd > 1.5 * plain.marginals["surface_shear_modulus"].sd
     assert wide.marginals["modulus_spread"] == plain.marginals["modulus_spread"]
 
@@ -302,8 +303,7 @@ def test_what_is_missing_is_said(population):
         hierarchy(bare, seed=1)
 
 
-def test_each_capsule_has_a_likelihood_of_its_own(population):
-    found = hierarchy(population, seed=1)
+def test_each_capsule_has_a_likelihood_of_its_own(found):
     some, log_posterior = found.parameters[:40], found.log_posterior
     each = log_posterior.of_capsules(some)
     assert each.shape == (40, found.capsules)

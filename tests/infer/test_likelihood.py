@@ -12,10 +12,8 @@ from capsbayes.infer.likelihood import (
     border_steps,
     feature_in_cells,
     given_flow,
-    misfits,
     p_value,
     sd_in_cells,
-    velocity_ratios,
 )
 from capsbayes.measurement import Measurement
 
@@ -41,21 +39,13 @@ def measured(**changes):
     return Measurement(**(good | changes))
 
 
-def test_both_lengths_with_the_covariances_of_measurement_and_model(points):
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_both_lengths_with_the_covariances_of_measurement_and_model(points, scale):
     seen = measured()
-    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points))
+    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points, error_scale=scale))
     for n, value in enumerate(density):
-        mean = [points.axial_extent[n], points.axial_length[n]]
-        exact = multivariate_normal(mean, seen.covariance + points.covariance[n, :2, :2]).logpdf(seen.lengths)
-        assert value == pytest.approx(exact)
-
-
-def test_the_model_error_can_be_scaled(points):
-    seen = measured()
-    density = LengthsLikelihood.of(seen).log_density(ModelAtPoints.of(points, error_scale=0.5))
-    mean = [points.axial_extent[0], points.axial_length[0]]
-    exact = multivariate_normal(mean, seen.covariance + 0.25 * points.covariance[0, :2, :2]).logpdf(seen.lengths)
-    assert density[0] == pytest.approx(exact)
+        covariance = seen.covariance + scale**2 * points.covariance[n, :2, :2]
+        assert value == pytest.approx(multivariate_normal(points.values[n, :2], covariance).logpdf(seen.lengths))
 
 
 def test_a_missing_length_leaves_the_other(points):
@@ -108,69 +98,6 @@ def test_the_error_of_the_half_width_widens_lengths_over_l():
     assert np.sqrt(over.zz) == pytest.approx(0.02, rel=1e-4)
     assert np.sqrt(over.aa) == pytest.approx(0.015, rel=1e-4)
     assert over.za == pytest.approx(0.02 * 0.015, rel=1e-4)
-
-
-def test_outside_the_domain_there_is_no_density(model):
-    points = model({"capillary_number": np.array([0.3]), "size_ratio": np.array([0.9])})
-    assert np.isnan(LengthsLikelihood.of(measured()).log_density(ModelAtPoints.of(points)))[0]
-
-
-def test_points_are_taken_and_joined_with_all_their_numbers(points):
-    model = ModelAtPoints.of(points)
-    assert model.outline is None
-    parts = model.taken(np.array([0])), model.taken(slice(1, 3))
-    with_outline = [part._replace(outline=np.full(len(part.extent), 2.0)) for part in parts]
-    for first, rest, outline in ((*parts, None), (*with_outline, [2.0, 2.0, 2.0])):
-        joined = first.joined(rest)
-        for name in model._fields[:-2]:
-            np.testing.assert_array_equal(getattr(joined, name), getattr(model, name))
-        np.testing.assert_array_equal(joined.outline, outline)
-
-
-def test_lengths_over_l_do_not_read_the_half_width(points):
-    seen, model = LengthsLikelihood.of(measured()), ModelAtPoints.of(points)
-    np.testing.assert_array_equal(seen.log_density(model, WIDTH), seen.log_density(model))
-    assert seen.with_half_width(WIDTH, 1e-6) is seen
-
-
-def test_over_a_known_half_width_lengths_in_metres_are_those_over_it(points):
-    over, model = measured(), ModelAtPoints.of(points)
-    lengths = {"axial_extent": 2.13 * WIDTH, "axial_length": 1.80 * WIDTH}
-    errors = {"axial_extent_error": 0.02 * WIDTH, "axial_length_error": 0.01 * WIDTH}
-    seen = LengthsLikelihood.of(measured(**lengths, **errors, over_half_width=False))
-    rest = {"axial_length": None, "axial_length_error": None}
-    for metres, expected, powers in (
-        (seen, LengthsLikelihood.of(over), 2),
-        (LengthsLikelihood.of(measured(**lengths | errors | rest, over_half_width=False)),
-         LengthsLikelihood.of(measured(**rest)), 1),
-    ):  # fmt: skip
-        density = metres.log_density(model, WIDTH)
-        np.testing.assert_allclose(density, expected.log_density(model) - powers * np.log(WIDTH))
-        np.testing.assert_allclose(metres.distance(model, WIDTH), expected.distance(model))
-        np.testing.assert_allclose(metres.velocity_ratio(model, WIDTH), expected.velocity_ratio(model))
-        np.testing.assert_allclose(metres.with_half_width(WIDTH, 0.0).log_density(model), expected.log_density(model))
-
-
-JOINT = np.array([[4.0, 1.0, 0.6], [1.0, 2.0, -0.5], [0.6, -0.5, 1.0]])
-"""Covariance of the differences in L_z and L_a and of the model's error in v_o/U."""
-
-
-def test_misfits_of_a_table_are_those_of_a_joint_normal_distribution():
-    z, a = np.array([[0.5], [-1.0]]), np.array([0.3, -2.0, 0.1])
-    squares, volumes = misfits(z, a, 4.0, 1.0, 2.0)
-    assert squares.shape == volumes.shape == (2, 3)
-    density = stats.multivariate_normal(np.zeros(2), JOINT[:2, :2])
-    expected = [[density.logpdf([one, other]) for other in a] for one in z[:, 0]]
-    np.testing.assert_allclose(-0.5 * (squares + np.log(volumes)), expected)
-
-
-@pytest.mark.parametrize("seen", [1, 2])
-def test_the_velocity_ratio_given_the_lengths_is_that_of_a_joint_normal_distribution(seen):
-    lengths = np.array([0.7, -1.1])[:seen]
-    gain = np.linalg.solve(JOINT[:seen, :seen], JOINT[:seen, 2])
-    mean, variance = velocity_ratios(0.7, -1.1 if seen == 2 else np.nan, 4.0, 1.0, 2.0, 1.3, 0.6, -0.5, 1.0)
-    assert mean == pytest.approx(1.3 + gain @ lengths)
-    assert variance == pytest.approx(1.0 - gain @ JOINT[:seen, 2])
 
 
 def test_a_flow_rate_conditions_the_inputs_as_one_linear_equation_among_normal_numbers():

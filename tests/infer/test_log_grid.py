@@ -13,16 +13,6 @@ def lognormal(median, sd):
     return logs, weights / weights.sum()
 
 
-def test_nodes_of_a_lognormal_give_its_quantiles():
-    logs, weights = lognormal(0.04, 0.2)
-    exact = stats.lognorm(0.2, scale=0.04)
-    one = binned(logs, weights, 0.25 * 0.2).marginal()
-    assert one.mean == pytest.approx(exact.mean(), rel=1e-3)
-    assert one.sd == pytest.approx(exact.std(), rel=2e-3)
-    for end, level in (("median", 0.5), ("lower_68", 0.16), ("upper_68", 0.84), ("lower_95", 0.025)):
-        assert getattr(one, end) == pytest.approx(exact.ppf(level), abs=0.01 * exact.std())
-
-
 @pytest.mark.parametrize("other", [0.001, 0.05, 0.2])
 def test_a_product_of_lognormals_is_lognormal_whatever_their_widths(other):
     logs, weights = lognormal(0.04, 0.1)
@@ -33,21 +23,6 @@ def test_a_product_of_lognormals_is_lognormal_whatever_their_widths(other):
     one = product.log_marginal()
     for end, level in (("median", 0.5), ("upper_68", 0.84), ("upper_95", 0.975)):
         assert getattr(one, end) == pytest.approx(exact.ppf(level), abs=0.01 * sd)
-
-
-def test_known_numbers_multiply_exactly():
-    product = LogGrid.known(2.0).times(LogGrid.known(3.0))
-    assert product.marginal().median == pytest.approx(6.0)
-    logs, weights = lognormal(1.0, 0.1)
-    one = binned(logs, weights, 0.025)
-    assert one.times(LogGrid.known(5.0)).mean == pytest.approx(one.mean + np.log(5.0))
-
-
-def test_probability_below():
-    one = LogGrid.normal(0.04)
-    logs = np.array([-10.0, -0.2, 0.0, 0.2, 10.0])
-    np.testing.assert_allclose(one.below(logs), [0.0, stats.norm.cdf(-1), 0.5, stats.norm.cdf(1), 1.0], atol=1e-3)
-    np.testing.assert_array_equal(LogGrid.known(1.0).below(logs), [0.0, 0.0, 1.0, 1.0, 1.0])
 
 
 def test_draws_follow_the_distribution():
@@ -105,6 +80,9 @@ def test_moments_of_a_wide_lognormal_factor_are_exact():
         assert factor.start == pytest.approx(-factor.end)
         assert factor.end > 7.0 * np.sqrt(variance)
         assert factor.step < 0.1 * np.sqrt(variance)
+        scores = np.array([-50.0, -1.0, 0.0, 1.0, 50.0])
+        np.testing.assert_allclose(factor.below(np.sqrt(variance) * scores), stats.norm.cdf(scores), atol=1e-3)
+    np.testing.assert_array_equal(LogGrid.known(1.0).below(np.array([-0.2, 0.0, 0.2])), [0.0, 1.0, 1.0])
     none = LogGrid.normal(0.0)
     assert none.marginal().as_dict() == LogGrid.known(1.0).marginal().as_dict()
     assert none.marginal().sd == 0.0

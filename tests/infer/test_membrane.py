@@ -98,6 +98,7 @@ def test_the_table_of_a_file_is_the_class_of_the_same_names(tmp_path):
         ({"law": "Skalak", "hardening": 1, "area_dilation_modulus": 3}, "hardening: expected nothing but with"),
         ({"law": "Skalak", "hardening": "log-uniform 0.1 .. 1"}, "hardening: expected a number, a range"),
         ({"bending": 1e-4, "membrane_thickness": "1 um"}, "expected one of the two"),
+        ({"bending": "1e-4 .. 3e-4"}, "bending: expected one statement of it"),
         ({"pre_inflation": "soft"}, "pre_inflation: expected a number, a text as"),
         ({"area_dilation_modulus": 9}, "area_dilation_modulus: expected 1 to 5, got 9"),
         ({"membrane_thickness": "0.6"}, "membrane_thickness: expected a number, a text as \"0.6 \\+/- 0.2 um\""),
@@ -105,12 +106,7 @@ def test_the_table_of_a_file_is_the_class_of_the_same_names(tmp_path):
 )  # fmt: skip
 def test_mistakes_are_named(model, stated, message):
     with pytest.raises(InputError, match=message):
-        Membrane(**stated).applied(model, Prior())
-
-
-def test_one_number_is_not_stated_twice(model):
-    with pytest.raises(InputError, match="pre_inflation: expected one statement of it"):
-        Membrane(pre_inflation=0.01).applied(model, Prior(coordinates={"pre_inflation": "0 .. 0.02"}))
+        Membrane(**stated).applied(model, Prior(coordinates={"bending": "1e-4 .. 2e-4"}))
 
 
 def test_a_model_without_these_coordinates_is_refused():

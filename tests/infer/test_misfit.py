@@ -61,11 +61,6 @@ def test_it_is_refused_with_the_membrane_unknown_too(channel, ovalbumin):
             identify(ovalbumin, model, channel, seed=1, prior=prior)
 
 
-def test_a_prior_narrower_than_any_engine_resolves_is_refused():
-    with pytest.raises(InputError, match=r"surface_shear_modulus: expected a standard error of at least 0\.1%"):
-        Prior("45 +/- 0.001 mN/m")
-
-
 def test_p_values_are_reported_everywhere(surrogate, channel, ovalbumin, tmp_path):
     posterior = identify(replace(ovalbumin, flow_rate=RATE), surrogate, channel, seed=1, engine="quadrature")
     assert posterior.status is Status.DONE

@@ -42,15 +42,6 @@ def test_a_run_that_has_every_input_as_a_coordinate_agrees_with_the_grid(model, 
         assert values.std() == pytest.approx(one.sd, rel=0.03)
 
 
-def test_the_same_seed_gives_the_same_chains_and_another_other_ones(model, experiment, capsule):
-    effort = Effort(walkers=16, steps=60, budget=60)
-    one, same, other = (
-        sampled(density_of(model, experiment, capsule), seed=seed, effort=effort).coordinates for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(one, same)
-    assert one.shape != other.shape or not np.array_equal(one, other)
-
-
 def test_a_run_ends_at_its_budget_with_the_gates_that_failed(model, experiment, capsule):
     chains = sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(walkers=16, steps=40, budget=90))
     assert chains.steps + chains.burn_in == 90
@@ -66,25 +57,6 @@ def test_a_run_is_doubled_while_it_is_not_enough(model, experiment, capsule):
 
     sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(walkers=48), enough=enough)
     assert lengths[1] >= 2 * lengths[0]
-
-
-def test_thinning_keeps_every_walker(model, experiment, capsule):
-    chains = sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(walkers=16, steps=200, budget=200))
-    thin = chains.thinned()
-    assert thin.coordinates.shape[1:] == chains.coordinates.shape[1:]
-    assert len(thin.coordinates) <= len(chains.coordinates) // 2
-    assert thin.log_density.shape == thin.coordinates.shape[:3]
-
-
-def test_coordinates(model, experiment, capsule, capsule_in_metres):
-    assert density_of(model, experiment, capsule).names == ("capillary_number", "size_ratio")
-    in_metres = density_of(model, experiment, capsule_in_metres)
-    assert in_metres.names == ("capillary_number", "size_ratio", "half_width")
-    every = density_of(model, experiment, capsule, DensityOfAllInputs)
-    assert every.names[2:] == ("viscosity", "half_width", "capsule_velocity")
-    named = every.named(np.array([[np.log(0.08), 0.96, 0.8, 25e-6, 5e-3]]))
-    assert named["capillary_number"][0] == pytest.approx(0.08)
-    assert named["half_width"][0] == 25e-6
 
 
 @pytest.mark.parametrize("name", ["capsule", "capsule_in_metres"])
@@ -104,11 +76,8 @@ def test_outside_the_domain_is_impossible_and_not_counted(model, experiment, cap
     density = density_of(model, experiment, capsule)
     np.testing.assert_array_equal(density(np.array([[np.log(0.5), 0.96], [np.log(0.08), 2.0]])), -np.inf)
     assert density.not_a_number == 0
-
-
-def test_negative_inputs_are_impossible(model, experiment, capsule):
-    density = density_of(model, experiment, capsule, DensityOfAllInputs)
-    assert density(np.array([[np.log(0.08), 0.96, -0.8, 25e-6, 5e-3]]))[0] == -np.inf
+    every = density_of(model, experiment, capsule, DensityOfAllInputs)
+    assert every(np.array([[np.log(0.08), 0.96, -0.8, 25e-6, 5e-3]]))[0] == -np.inf
 
 
 def test_not_a_number_inside_the_domain_is_impossible_and_counted(model, experiment, capsule):
@@ -133,8 +102,7 @@ def test_not_a_number_inside_the_domain_is_impossible_and_counted(model, experim
 @pytest.mark.parametrize("name", ["capsule", "capsule_in_metres", "capsule_from_the_side"])
 @pytest.mark.parametrize("kind", [LogDensity, DensityOfAllInputs])
 def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, name, kind, request):
-    seen = request.getfixturevalue(name)
-    density = kind(model, PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior()))
+    density = density_of(model, experiment, request.getfixturevalue(name), kind)
     starts = starting_points(density, 4, 32, np.random.default_rng(18))
     assert starts.shape == (4, 32, len(density.names))
     flat = starts.reshape(128, -1)
@@ -144,8 +112,7 @@ def test_all_walkers_start_at_finite_density_and_none_twice(model, experiment, n
 
 def test_starts_are_found_around_a_narrow_posterior_and_wider_than_it(model, experiment, capsule):
     seen = replace(capsule, axial_extent_error=1e-3, axial_length_error=1e-3)
-    density = PosteriorDensity.of(seen, Inputs.of(seen, experiment), Prior())
-    starts = starting_points(LogDensity(model, density), 4, 64, np.random.default_rng(19)).reshape(-1, 2)
+    starts = starting_points(density_of(model, experiment, seen), 4, 64, np.random.default_rng(19)).reshape(-1, 2)
     exact = Quadrature(model, experiment)(seen)
     for k, name in enumerate(("capillary_number", "size_ratio")):
         values = np.exp(starts[:, k]) if k == 0 else starts[:, k]
@@ -155,7 +122,7 @@ def test_starts_are_found_around_a_narrow_posterior_and_wider_than_it(model, exp
 
 
 def test_a_density_that_vanishes_everywhere_is_said(model, experiment, capsule):
-    density = LogDensity(model, PosteriorDensity.of(capsule, Inputs.of(capsule, experiment), Prior()))
+    density = density_of(model, experiment, capsule)
     density.__class__ = type("Nowhere", (LogDensity,), {"__call__": lambda self, x: np.full(len(x), -np.inf)})
     with pytest.raises(ValueError, match="no point of the model's domain"):
         starting_points(density, 4, 32, np.random.default_rng(20))

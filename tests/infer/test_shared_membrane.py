@@ -23,6 +23,7 @@ from capsbayes.surrogate.membrane import OF_THE_MESH
 EXPERIMENT = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
 TRUTH = {"pre_inflation": 0.03, "area_dilation_modulus": 3.0, "strain_hardening": 0.0, "bending": 1e-4}
 MODULUS = 0.05
+NEO_HOOKEAN = Membrane("neo-Hookean", bending=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -45,11 +46,14 @@ def capsules():
     return found, np.array(moduli)
 
 
+def identified(measurements, membrane=NEO_HOOKEAN, **options):
+    return identify_membrane(measurements, EXPERIMENT, seed=1, membrane=membrane, **{"laws": False} | options)
+
+
 @pytest.fixture(scope="module")
 def known(capsules):
     """With a membrane of which inflation is unknown alone."""
-    membrane = Membrane("neo-Hookean", bending=1e-4)
-    return identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, laws=False)
+    return identified(capsules[0])
 
 
 def test_an_inflation_is_found(known):
@@ -65,8 +69,7 @@ def test_flow_rates_take_the_place_of_velocities(known, capsules):
         rate = (0.04, 0.08)[number % 2] * MODULUS / 0.85 * 4.0 * 25e-6**2
         of_pump = {"flow_rate": rate, "flow_rate_error": 0.01 * rate}
         still.append(replace(capsule, capsule_velocity=None, capsule_velocity_error=np.nan, **of_pump))
-    membrane = Membrane("neo-Hookean", bending=1e-4)
-    found = identify_membrane(still, EXPERIMENT, seed=1, membrane=membrane, laws=False)
+    found = identified(still)
     assert found.flow.tolist() == known.flow.tolist()
     for name, truth in (("pre_inflation", 0.03), ("surface_shear_modulus", MODULUS)):
         assert found.marginals[name].contains(truth, level=95)
@@ -93,8 +96,7 @@ def test_the_file_holds_draws_and_summary(known, tmp_path):
 
 
 def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules):
-    membrane = Membrane("neo-Hookean", bending=1e-4)
-    turned = identify_membrane(capsules[0][::-1], EXPERIMENT, seed=1, membrane=membrane, laws=False)
+    turned = identified(capsules[0][::-1])
     here, there = known.marginals["pre_inflation"], turned.marginals["pre_inflation"]
     assert there.median == pytest.approx(here.median, abs=0.1 * here.sd)
 
@@ -102,16 +104,15 @@ def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules
 def test_a_wrong_law_is_improbable_where_lengths_are_exact(capsules):
     """Of a membrane known but for its law, h = 0 or 1."""
     membrane = Membrane(pre_inflation=0.03, bending=1e-4, area_dilation_modulus=3.0)
-    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane)
+    found = identified(capsules[0], membrane, laws=True)
     assert [law.name for law in found.laws] == ["none of them", "Blatz-Ko", "Skalak"]
     assert sum(law.probability for law in found.laws) == pytest.approx(1.0)
     assert found.laws[1].probability > found.laws[2].probability  # with K = 3 the first is neo-Hookean
 
 
 def test_pictures_of_one_capsule_have_one_modulus(capsules):
-    membrane = Membrane("neo-Hookean", bending=1e-4, pre_inflation=0.03)
-    one = [capsules[0][0]] * 3
-    found = identify_membrane(one, EXPERIMENT, seed=1, membrane=membrane, same_capsule=True, laws=False)
+    known = Membrane("neo-Hookean", bending=1e-4, pre_inflation=0.03)
+    found = identified([capsules[0][0]] * 3, known, same_capsule=True)
     moduli = found.draws["surface_shear_modulus_each"]
     assert np.ptp(moduli, axis=1).max() < 0.03 * moduli.mean()
     assert not found.prior
@@ -119,8 +120,7 @@ def test_pictures_of_one_capsule_have_one_modulus(capsules):
 
 def test_inflations_that_differ_are_found_of_each_capsule(capsules):
     """Of capsules with the same inflation, the spread is told to be small and the median is what it was."""
-    membrane = Membrane("neo-Hookean", bending=1e-4)
-    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, inflation_varies=True, laws=False)
+    found = identified(capsules[0], inflation_varies=True)
     assert found.marginals["pre_inflation"].contains(0.03, level=95)
     assert 0.0 < found.marginals["inflation_spread"].median < 0.5
     each = found.draws["pre_inflation_each"]
@@ -132,8 +132,7 @@ def test_inflations_that_differ_are_found_of_each_capsule(capsules):
 
 @pytest.mark.slow
 def test_worker_processes_find_the_same(known, capsules):
-    membrane = Membrane("neo-Hookean", bending=1e-4)
-    found = identify_membrane(capsules[0], EXPERIMENT, seed=1, membrane=membrane, laws=False, workers=2)
+    found = identified(capsules[0], workers=2)
     for name, values in known.draws.items():
         np.testing.assert_allclose(found.draws[name], values, rtol=1e-9)
 

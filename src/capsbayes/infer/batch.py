@@ -34,12 +34,11 @@ from capsbayes.infer.grid import GridPosterior
 from capsbayes.infer.identify import check_applies
 from capsbayes.infer.importance import ExactEngine, exact_engine
 from capsbayes.infer.outline import outline_misfit
-from capsbayes.infer.population import COMPONENT, STATISTICS, CapsuleRows, Population, mixture
+from capsbayes.infer.population import COMPONENT, COMPONENTS, LEANINGS, STATISTICS, CapsuleRows, Population, mixture
 from capsbayes.infer.posterior import REPORTED, work_of
 from capsbayes.infer.prior import LOOSEST_VELOCITY, Inputs, Prior, check_coordinates, refuse_membrane
 from capsbayes.infer.selection import limit_of
 from capsbayes.infer.verdict import (
-    PREDICTED,
     Misfit,
     inertia,
     leanings,
@@ -62,7 +61,6 @@ from capsbayes.measurement_sets import (
     read_set,
     unmeasured,
 )
-from capsbayes.measurement_sets import NUMBERS as MEASURED
 from capsbayes.model import ForwardModel
 from capsbayes.quantity import Given, Quantity
 from capsbayes.run import Store, check_parts, digest_of, only_run, progress_bar, run_tasks, steps_kept
@@ -123,19 +121,20 @@ class Run:
 
 # Row of one capsule by the exact engine
 
+_LEANINGS = tuple(f"leaning_{name}" for name in LEANINGS)
 _SHARED = ("viscosity", "half_width")
 _DRAWS = 10_000  # from which the mixture and the shares next to borders are computed where nodes do not tell them
 
 
 def fill_exactly(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> None:
     """Identify one capsule by quadrature and fill its row; one that cannot be identified gets a status and a reason."""
-    rows.engine[row] = "grid"
+    rows["engine"][row] = "grid"
     try:
         _fill(rows, row, measurement, run)
     except InputError as error:
         rows.refuse(row, Status.NO_SHAPE if isinstance(error, NoShapeError) else Status.UNUSABLE, str(error))
         if isinstance(error, NoShapeError):
-            rows.distance[row] = error.distance
+            rows["distance"][row] = error.distance
     except Exception as error:  # a batch does not stop for one capsule
         raise_interruption(error)
         rows.refuse(row, Status.RAISED, f"{type(error).__name__}: {error}")
@@ -152,27 +151,27 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
         leans = leanings(draws, run.model, engine.prior)
     else:
         draws, leans = {}, leanings_at_nodes(grid, engine.prior)
-    rows.leaning[row] = shares_by_kind(leans)
-    for number, name in enumerate(REPORTED):
-        rows.summaries[row, number] = list(vars(posterior.marginal(name)).values())
+    filled: dict[str, Any] = dict(zip(_LEANINGS, shares_by_kind(leans), strict=True))
+    for name in REPORTED:
+        filled |= {f"{name}_{statistic}": value for statistic, value in vars(posterior.marginal(name)).items()}
     if grid is not None and seen is None:
-        rows.distance[row] = grid.distance
-    found = p_values(engine, measurement, posterior)
-    rows.p_values[row] = [found.get(name, np.nan) for name in PREDICTED]
-    misfits = misfits_of(found)
+        filled["distance"] = grid.distance
+    predicted = p_values(engine, measurement, posterior)
+    filled |= {f"p_value_{name}": p_value for name, p_value in predicted.items()}
+    misfits = misfits_of(predicted)
     if seen is not None:
         misfits.insert(0, Misfit(outline_misfit(seen, run.model, draws), Status.OUTLINE_MISFIT))
     misfits.append(inertia(float(own.reynolds_number(posterior.marginal("mean_velocity").median))))
-    rows.reynolds_number[row] = misfits[-1].gate.value
-    rows.status[row] = verdict(posterior.gates, None, leans, misfits, posterior.unresolved).name
+    filled["reynolds_number"] = misfits[-1].gate.value
+    filled["status"] = verdict(posterior.gates, None, leans, misfits, posterior.unresolved).name
     weights, x, y, spread = _likelihood(draws, run, posterior.density.inputs) if grid is None else grid.likelihood
     # a capsule's own viscosity and half width, over those of all, are not among what all share
     of_all = own if run.experiment is None else run.experiment
     shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
-    into = np.empty(rows.components.shape[1:])
-    mixture(weights, x + shift[0], y + shift[1], into)
-    into[:, COMPONENT.index("xx")] += spread
-    rows.components[row] = into
+    filled["likelihood"] = np.empty((COMPONENTS, len(COMPONENT)))
+    mixture(weights, x + shift[0], y + shift[1], filled["likelihood"])
+    filled["likelihood"][:, COMPONENT.index("xx")] += spread
+    rows.fill(row, filled)
 
 
 def _likelihood(draws: Mapping[str, Floats], run: Run, inputs: Inputs) -> tuple[Floats, Floats, Floats, float]:
@@ -195,10 +194,10 @@ def _centre(experiment: Experiment, name: str) -> float:
     return getattr(experiment, name).mean
 
 
-def numbers_of(measurement: Measurement) -> Floats:
-    """Return the measured numbers as a row of `capsbayes.measurement_sets.NUMBERS`, lengths in metres as they are."""
-    found = [measurement.conditions.get(name, getattr(measurement, name, None)) for name in MEASURED]
-    return np.array([np.nan if number is None else number for number in found], dtype=np.float64)
+def numbers_of(measurement: Measurement) -> dict[str, float]:
+    """Return the measured numbers by column, lengths in metres as they are."""
+    stated = {name: measurement.conditions.get(name, getattr(measurement, name, None)) for name in NUMBERS}
+    return {name: np.nan if number is None else number for name, number in stated.items()}
 
 
 # Independent tasks of a run, as some rows of a table or one file; the rows of each are one part of a store.
@@ -206,6 +205,7 @@ def numbers_of(measurement: Measurement) -> Floats:
 # The part is named by a hash of the run and of the content of what was measured, so that it is found again after an
 # interruption, and nothing is taken from other settings or from a file that has changed since
 
+_FORMAT = 2  # of the parts: rows by column
 _LONGEST_NAME = 250
 _LONGEST_UNKEPT = 5.0  # s of work
 
@@ -228,7 +228,7 @@ class StoredTask(abc.ABC):
     @cached_property
     def name(self) -> str:
         """Name of the part."""
-        return f"{self.kind}-{digest_of(self.store.fingerprint, *self._contents())[:24]}"
+        return f"{self.kind}-{digest_of(self.store.fingerprint, _FORMAT, *self._contents())[:24]}"
 
     @property
     def file(self) -> Path:
@@ -305,13 +305,13 @@ class TableTask(RowsTask):
 
     def _begin(self) -> tuple[CapsuleRows, list[int]]:
         measured = self.measured
-        numbers = np.stack([measured.numbers[name] for name in NUMBERS], axis=1)
-        rows = CapsuleRows.empty(measured.names.tolist(), [""] * self.number, numbers)
+        rows = CapsuleRows.empty(measured.names.tolist(), [""] * self.number)
+        rows.fill(slice(None), measured.numbers)
         for row in np.flatnonzero(measured.refusals != "").tolist():
             why = str(measured.refusals[row])
             status = why.removeprefix("status: ")  # that of the measurement, which a row may bring
             known = status in Status.__members__ and status != why
-            rows.status[row], rows.reason[row] = (status, "") if known else (Status.UNUSABLE.name, why)
+            rows["status"][row], rows["reason"][row] = (status, "") if known else (Status.UNUSABLE.name, why)
         return rows, np.flatnonzero(measured.refusals == "").tolist()
 
     def capsule(self, row: int, run: Run) -> tuple[Measurement, Prior]:
@@ -322,7 +322,7 @@ class TableTask(RowsTask):
     @property
     def rows(self) -> CapsuleRows:
         rows = super().rows  # other rows of the table may have changed since
-        rows.source[:], rows.sha256[:] = self.measured.source, self.measured.sha256
+        rows["source"][:], rows["sha256"][:] = self.measured.source, self.measured.sha256
         return rows
 
 
@@ -348,11 +348,11 @@ class FileTask(RowsTask):
     def _fill(self, rows: CapsuleRows, row: int, run: Run) -> None:
         try:
             measurement = measured_file(self.measured, run)
-            rows.sha256[row], rows.numbers[row] = measurement.sha256, numbers_of(measurement)
+            rows.fill(row, {"sha256": measurement.sha256, **numbers_of(measurement)})
             if measurement.status.ok:
                 fill_exactly(rows, row, measurement, replace(run, prior=prior_of_file(self.measured, run.prior)))
             else:
-                rows.status[row] = measurement.status.name
+                rows["status"][row] = measurement.status.name
         except CapsbayesError as error:
             rows.refuse(row, Status.UNUSABLE, str(error))
 
@@ -378,7 +378,7 @@ class OutlinesTask(RowsTask):
         names = [*(name for _, _, name in parts), *(line.partition(": expected ")[0] for line in lines)]
         rows = CapsuleRows.empty(names, [*(file for file, _, _ in parts), *[""] * len(lines)])
         for row, measurement in enumerate(seen):
-            rows.numbers[row] = numbers_of(measurement)
+            rows.fill(row, numbers_of(measurement))
         for row, line in enumerate(lines, start=len(seen)):
             rows.refuse(row, Status.UNUSABLE, line)
         return rows, list(range(len(seen)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -104,12 +103,13 @@ def batch_of(
     speeds = [None if none else m.known_velocity for none, m in zip(missing, measurements, strict=True)]
     velocity = np.array([u if v is None else v.value for u, v in zip(np.exp(mean_velocity), speeds, strict=True)])
     errors = np.array([np.inf if speed is None else speed.error for speed in speeds])
+    rows, target, scale, left, known = map(np.array, zip(*reduced, strict=True))
     return Batch(
-        rows=np.array([one.rows for one in reduced]),
-        target=np.array([one.target for one in reduced]),
-        scale=np.array([one.scale for one in reduced]),
-        left=np.array([one.left for one in reduced]),
-        known=np.array([one.known for one in reduced]),
+        rows=rows,
+        target=target,
+        scale=scale,
+        left=left,
+        known=known,
         log_velocity=np.log(velocity),
         velocity_error=errors / velocity,
         log_mean_velocity=mean_velocity,
@@ -206,20 +206,31 @@ class Slopes(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeModel(ABC):
-    """From parameters to `Shapes`."""
+class ShapeModel:
+    """From parameters to `Shapes`: the lengths L_z and L_a, or the modes of outlines and L_a."""
 
     model: MembraneSurrogate
     half_width: float  # [m]
+    outline: bool = False
 
-    @abstractmethod
     def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
         """Return the shapes at n points, with the model's error or perhaps without."""
+        if self.outline:
+            seen, coefficients, covariances = self.model.with_coefficients(theta, errors=errors)
+            return _shapes(seen, np.column_stack([coefficients, seen.axial_length]), covariances)
+        seen = self.model(theta)
+        return _shapes(seen, seen.values[:, :2], seen.covariance[:, :2, :2])
 
-    @abstractmethod
     def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
         """Return the shapes at n points without the error of their numbers, and how they change if the points move."""
-        # `moved` are further n points each.
+        # `moved` are further n points each. Changes are those of L_z, L_a, v_o/U, Lambda and of the modes.
+        seen, coefficients, changes = self.model.with_changes(theta, moved, outline=self.outline)
+        numbers, of_numbers = seen.values[:, :2], changes[..., :2]
+        if self.outline:
+            numbers = np.column_stack([coefficients, seen.axial_length])
+            of_numbers = np.concatenate([changes[..., 4:], changes[..., 1:2]], axis=-1)
+        shapes = _shapes(seen, numbers, seen.covariance[:, :0, :0])
+        return shapes, Slopes(of_numbers, changes[..., 2] / seen.velocity_ratio)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -255,35 +266,6 @@ class ShapeModel(ABC):
             thickness = theta.pop(THICKNESS)
             theta["bending"] = bending(membrane_thickness=thickness, capsule_radius=size * self.half_width)
         return {"capillary_number": np.exp(own[..., 0]).ravel(), "size_ratio": size, **theta}
-
-
-class Lengths(ShapeModel):
-    """Shapes as their lengths L_z and L_a."""
-
-    def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        seen = self.model(theta)
-        numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
-        return _shapes(seen, numbers, seen.covariance[:, :2, :2])
-
-    def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        seen, _, changes = self.model.with_changes(theta, moved, outline=False)
-        numbers = np.stack([seen.axial_extent, seen.axial_length], axis=1)
-        shapes = _shapes(seen, numbers, seen.covariance[:, :0, :0])
-        return shapes, Slopes(changes[..., :2], changes[..., 2] / seen.velocity_ratio)
-
-
-class Outlines(ShapeModel):
-    """Shapes as the coefficients of the modes of their outlines, and L_a."""
-
-    def __call__(self, theta: Mapping[str, Floats], *, errors: bool = True) -> Shapes:
-        seen, coefficients, covariances = self.model.with_coefficients(theta, errors=errors)
-        return _shapes(seen, np.column_stack([coefficients, seen.axial_length]), covariances)
-
-    def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
-        seen, coefficients, changes = self.model.with_changes(theta, moved, outline=True)
-        shapes = _shapes(seen, np.column_stack([coefficients, seen.axial_length]), seen.covariance[:, :0, :0])
-        numbers = np.concatenate([changes[..., 4:], changes[..., 1:2]], axis=-1)
-        return shapes, Slopes(numbers, changes[..., 2] / seen.velocity_ratio)
 
 
 def _shapes(seen: Prediction, numbers: Floats, covariances: Floats) -> Shapes:
@@ -652,9 +634,9 @@ def _by_place(shapes: Shapes, own: Floats) -> Shapes:
 
 # Coordinates in which the membrane of a batch and the spreads of its population are drawn
 
-_WIDEST = (1.0, 0.5, 0.5)  # scales of half-normal priors of the spreads of ln G_s, of a/l and of ln alpha
+_WIDEST = np.array([1.0, 0.5, 0.5])  # scales of half-normal priors of the spreads of ln G_s, of a/l and of ln alpha
 _NARROWEST = 1e-4  # below it G_s and a are the same for all; their weights would cancel to fewer digits than are needed
-_USUAL, _WIDTH = (np.log(0.15), np.log(0.06), np.log(0.2)), np.log(3.0)  # of logs: where spreads are sought
+_USUAL, _WIDTH = np.log([0.15, 0.06, 0.2]), np.log(3.0)  # of logs: where spreads are sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -691,22 +673,20 @@ class Unknowns:
         return self.scores + len(self.sought)
 
     @property
-    def sought(self) -> tuple[int, ...]:
-        """Which of the spreads are unknown."""
-        return tuple(which for which, spread in enumerate(self.spreads) if spread is None)
+    def sought(self) -> list[int]:
+        """Which of the spreads are unknown: the last columns of a point are their logs."""
+        return [which for which, spread in enumerate(self.spreads) if spread is None]
 
     def wide(self, uniform: Floats) -> Floats:
         """Return points (d, p) of the unit cube (d, p) as draws of the priors, spreads about what is usual."""
         points = ndtri(uniform)
-        for column, which in enumerate(self.sought, self.scores):
-            points[:, column] = _USUAL[which] + _WIDTH * points[:, column]
+        points[:, self.scores :] = _USUAL[self.sought] + _WIDTH * points[:, self.scores :]
         return np.asarray(points)
 
     def log_wide(self, points: Floats) -> Floats:
         """Return the log density of `wide` : (d,) array."""
         middle, width = np.zeros(self.dimensions), np.ones(self.dimensions)
-        for column, which in enumerate(self.sought, self.scores):
-            middle[column], width[column] = _USUAL[which], _WIDTH
+        middle[self.scores :], width[self.scores :] = _USUAL[self.sought], _WIDTH
         away = (points - middle) / width
         return np.asarray(-0.5 * np.sum(away**2 + np.log(2.0 * np.pi) + 2.0 * np.log(width), axis=1))
 
@@ -725,12 +705,10 @@ class Unknowns:
 
     def log_prior(self, points: Floats) -> Floats:
         """Return the log of the prior density : (d,) array."""
-        scores = points[:, : self.scores]
-        logs = -0.5 * np.sum(scores**2 + np.log(2.0 * np.pi), axis=1)
-        for column, which in enumerate(self.sought, self.scores):
-            log_spread = points[:, column]
-            share = np.exp(log_spread) / _WIDEST[which]
-            logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(_WIDEST[which]) + log_spread - 0.5 * share**2
+        logs = -0.5 * np.sum(points[:, : self.scores] ** 2 + np.log(2.0 * np.pi), axis=1)
+        for log_spread, widest in zip(points[:, self.scores :].T, _WIDEST[self.sought], strict=True):
+            share = np.exp(log_spread) / widest
+            logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(widest) + log_spread - 0.5 * share**2
         return np.asarray(logs)
 
 

@@ -19,9 +19,9 @@ from capsbayes.infer.checks import Gate
 from capsbayes.infer.likelihood import compiled
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.population import Population, merged
-from capsbayes.infer.posterior import inference_data, shown
+from capsbayes.infer.posterior import check_units, inference_data
 from capsbayes.infer.prior import Marginal
-from capsbayes.infer.proposal import effective, normalised, rows_by_weight, smoothed
+from capsbayes.infer.proposal import effective, normalised, rows_by_weight, smoothed, weight_gates
 from capsbayes.infer.selection import (
     NODES,
     NORMAL,
@@ -194,7 +194,7 @@ _POLISHED = 12  # steps at most that refine it
 _PROPOSAL_ROUNDS = 8
 _FEW = 0.1  # share of effective draws to which the proposal is fitted
 _PROPOSAL_FREEDOM = 8  # of the t distribution that is drawn from
-_LEAST_ESS, _MOST_PARETO = 400.0, 0.7
+_LEAST_ESS = 400.0
 
 
 def drawn(
@@ -212,10 +212,7 @@ def drawn(
         proposal = stats.multivariate_t(centre, covariance, df=_PROPOSAL_FREEDOM)
         tailed, pareto = smoothed(log_posterior(tried) - proposal.logpdf(tried))
         weights = normalised(tailed)
-        gates = [
-            Gate("effective draws of the population", effective(weights), least=_LEAST_ESS),
-            Gate("Pareto k of the weights", pareto, most=_MOST_PARETO),
-        ]
+        gates = [*weight_gates(tailed, pareto, _LEAST_ESS, "effective draws of the population")]
         if all(gate.passed for gate in gates):
             break
         tempered, power = weights, 1.0
@@ -459,8 +456,7 @@ class Hierarchy(Readable):
         """
         import xarray as xr
 
-        if units not in ("si", "shown"):
-            raise InputError("hierarchy", "units", '"si" or "shown"', repr(units))
+        check_units(units, "hierarchy")
         assert self.log_posterior is not None, "a hierarchy is made by `hierarchy`"
         every = slice(None, None, max(len(self.parameters) // _STORED, 1))
         draws = {
@@ -472,7 +468,7 @@ class Hierarchy(Readable):
             {"capsules": (("chain", "draw", "capsule"), of_capsules[None])}, {"capsule": self.names}
         )
         groups = {"posterior": xr.Dataset(draws), "log_likelihood": likelihood}
-        return inference_data(shown(groups) if units == "shown" else groups)
+        return inference_data(groups, units)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""

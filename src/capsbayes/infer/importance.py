@@ -20,16 +20,19 @@ from capsbayes.infer.outline import outline_likelihood
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Marginal, Prior
 from capsbayes.infer.proposal import (
     PLACE,
+    Draws,
     Frame,
     Polynomial,
     Proposal,
+    Sampler,
     check_thickness,
     effective,
+    fitted,
     normalised,
     quasi_random,
     rows_by_weight,
     smoothed,
-    tempered,
+    weight_gates,
 )
 from capsbayes.infer.quadrature import UNSEEN, Quadrature, check_shape, log_density_in, with_error_of_half_width
 from capsbayes.measurement import Measurement
@@ -171,7 +174,7 @@ _CLOUD = 2**14  # points over the prior
 _TRIED = 2**12  # draws of a round
 _ROUNDS = 8  # at most, of each number of draws
 _GOOD = 0.25  # share of effective draws, below which rounds of more draws follow
-_ALIVE = 0.1  # share of effective draws to which a mixture is fitted
+_ALIVE = 0.1  # share of effective draws, up to which rounds go on without a gain
 _GAIN = 1.15  # of the share of effective draws by a round that leads to another one
 _FITS = 0.4  # share of effective draws that suffices
 _SHAPES = 2**13  # draws of what the priors predict
@@ -180,7 +183,7 @@ _LENGTHS = 10_000.0, 2**13, 2**16
 _ONE_COORDINATE = (40_000.0, 2**15, 2**18)  # and lengths: an end of an interval may lie on a flat tail
 _OUTLINE = 15_000.0, 2**14, 2**15
 _NEXT = 1_500.0, 2**12, 2**14  # from a posterior that is nearly the same
-_LEAST_EFFECTIVE, _MOST_PARETO = 1000.0, 0.7
+_LEAST_EFFECTIVE = 1000.0
 _REPEATS = 3  # of the last draws from a proposal fitted to them, while a gate fails
 _PILOTS = 2, 5  # fewest and most shapes at which the covariance of an outline is computed, one after the other
 _SETTLED = 1.0  # standard deviations between pilot and centre of the posterior, up to which it suffices
@@ -190,24 +193,77 @@ _SEARCHED = 50  # points of an outline, as many or up to twice as many, while a 
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
-    """Points (n, d) in a frame, the model there, the logs of the posterior density and of that they are drawn by."""
+class Target(Sampler):
+    """The posterior of one capsule, to be drawn from in the coordinates of a frame."""
 
-    points: Floats
-    nodes: Nodes
-    log_density: Floats
-    log_drawn: Floats
+    model: ForwardModel
+    frame: Frame
+    density: PosteriorDensity
 
     @property
-    def log_weights(self) -> Floats:
-        """Logs of the weights : (n,) array, -inf where the density vanishes."""
-        return self.log_density - self.log_drawn
+    def dimensions(self) -> int:
+        return self.frame.dimensions
 
-    def joined(self, other: Cloud) -> Cloud:
-        """Return these points followed by others."""
-        arrays = (self.points, other.points), (self.log_density, other.log_density), (self.log_drawn, other.log_drawn)
-        points, log_density, log_drawn = map(np.concatenate, arrays)
-        return Cloud(points, self.nodes.joined(other.nodes), log_density, log_drawn)
+    def weighted(self, points: Floats, log_drawn: Floats, near: Draws | None = None) -> Draws:
+        nodes, log_density = self.frame.evaluated(self.model, self.density, points)
+        return Draws(points, log_density, log_drawn, nodes)
+
+    def result(self, draws: Draws, proposal: Proposal) -> WeightedPosterior:
+        log_weights, shape = smoothed(draws.log_weights)
+        weights = normalised(log_weights)
+        gates = weight_gates(draws.log_weights, shape, _LEAST_EFFECTIVE)
+        kept = weights > 0.0
+        known = draws.points[kept], draws.log_density[kept], weights[kept], draws.found.taken(kept), gates
+        return WeightedPosterior(self.model, self.density, self.frame, proposal, *known)
+
+    def finished(self, proposal: Proposal, numbers: tuple[float, int, int]) -> WeightedPosterior:
+        """Draw and weigh; while a gate fails, fit a proposal to the draws and repeat."""
+        posterior: WeightedPosterior = self.sample(proposal, numbers, [-1] * (_REPEATS + 1))
+        return posterior
+
+    def over_prior(self) -> Draws:
+        """Return draws of the prior; the likelihood of an outline is left out, as it needs a pilot."""
+        frame = self.frame
+        points = frame.of_prior(quasi_random(frame.dimensions, _CLOUD, 0))
+        # of a half width that is a dimension, the density contains the very prior that it is drawn by
+        drawn = frame.log_prior(points)
+        if frame.half_width is not None:
+            drawn = drawn + frame.half_width.log_shape(frame.theta(points)["half_width"])
+        return self.weighted(points, drawn)
+
+    def approached(self, draws: Draws, enough: float = _FITS) -> tuple[Proposal, Draws]:
+        """Return a proposal fitted to the posterior and the last draws before it, from draws that are wider."""
+        # There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no
+        # more and few of them are effective, there are more draws in each.
+        proposal, number = fitted(draws.points, draws.log_weights, _TRIED), 0
+        for count in (_TRIED, 4 * _TRIED):
+            before = 0.0
+            for _ in range(_ROUNDS):
+                number += 1
+                draws = self.drawn(proposal, count, number)
+                share = effective(normalised(draws.log_weights)) / count
+                if share < _GAIN * before and before > _ALIVE:
+                    break
+                before = share
+                proposal = fitted(draws.points, draws.log_weights, count)
+                if share >= enough:
+                    break
+            if share > min(_GOOD, enough):
+                break
+        return proposal, draws
+
+    def seen_from(self, measurement: Measurement, there: Floats, others: Floats) -> Target:
+        """Return the same with the likelihood of an outline whose pilot is the shape at a point (d,)."""
+        # The model's own error is averaged over this and other points (k, d): it may change much from place to place.
+        assert measurement.outline is not None, "an outline"
+        values = self.frame.theta(np.concatenate([there[None], others]))
+        theta, *rest = (
+            {name: float(column[row]) for name, column in values.items() if name in self.model.names}
+            for row in range(1 + len(others))
+        )
+        length, scale = measurement.length_with_outline, self.density.error_scale
+        pilot = outline_likelihood(self.model, measurement.outline, theta, scale, length=length, others=rest)
+        return replace(self, density=replace(self.density, outline=pilot))
 
 
 class ImportanceSampling:
@@ -233,16 +289,16 @@ class ImportanceSampling:
         """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
         density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinates)
-        frame = self._frame(density)
+        target = self._target(density)
         if near is not None:
-            return self._next_to(near, frame, density, measurement)
-        cloud = self._over_prior(frame, density)
-        log_density_in(self.prior, with_error_of_half_width(density), cloud.nodes, measurement.source or "prior")
-        proposal, tried = self._fitted(frame, density, cloud)
-        check_shape(self.model, measurement, with_error_of_half_width(density), cloud.joined(tried).nodes)
+            return _next_to(near, target, measurement)
+        wide = target.over_prior()
+        log_density_in(self.prior, with_error_of_half_width(density), wide.found, measurement.source or "prior")
+        proposal, draws = target.approached(wide)
+        check_shape(self.model, measurement, with_error_of_half_width(density), wide.joined(draws).found)
         if measurement.outline is None:
-            return self._finished(frame, density, proposal, _LENGTHS if len(self.coordinates) > 1 else _ONE_COORDINATE)
-        return self._of_outline(frame, density, (proposal, tried), measurement)
+            return target.finished(proposal, _LENGTHS if len(self.coordinates) > 1 else _ONE_COORDINATE)
+        return _of_outline(target, proposal, draws, measurement)
 
     def predicted_shapes(self, density: PosteriorDensity) -> tuple[ModelAtPoints, Floats]:
         """Return shapes that the priors and the velocity of a capsule predict, and the logs of their probabilities."""
@@ -253,162 +309,65 @@ class ImportanceSampling:
             inputs = replace(inputs, half_width=Quantity(inputs.half_width.value, unit="m"))
         extent = replace(rough, likelihood=replace(rough.likelihood, length=None), outline=None, inputs=inputs)
         unseen = replace(extent, likelihood=UNSEEN)
-        frame = self._frame(extent)
-        cloud = self._over_prior(frame, extent)
-        proposal, _ = self._fitted(frame, extent, cloud)
-        tried = self._drawn(frame, extent, proposal, _SHAPES)
-        both = cloud.joined(tried)
-        shares = np.log([[len(cloud.points)], [len(tried.points)]])
+        target = self._target(extent)
+        frame, wide = target.frame, target.over_prior()
+        proposal, _ = target.approached(wide)
+        tried = target.drawn(proposal, _SHAPES)
+        both = wide.joined(tried)
+        shares = np.log([[len(wide.points)], [len(tried.points)]])
         drawn = np.logaddexp(*(shares + np.stack([frame.log_of_prior(both.points), proposal.log_density(both.points)])))
-        logs = frame.log_density(unseen, both.points, both.nodes) - drawn
+        logs = frame.log_density(unseen, both.points, both.found) - drawn
         inside = np.isfinite(logs)
-        return both.nodes.model.taken(inside), logs[inside]
+        return both.found.model.taken(inside), logs[inside]
 
-    def _of_outline(
-        self, frame: Frame, density: PosteriorDensity, fitted: tuple[Proposal, Cloud], measurement: Measurement
-    ) -> WeightedPosterior:
-        """Compute the posterior given an outline, from a proposal near it; its covariance is that at a pilot shape."""
-        # While it is sought, some points of the outline stand for all.
-        assert measurement.outline is not None, "an outline"
-        every = max(1, len(measurement.outline.points) // _SEARCHED)
-        some = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
-        (proposal, cloud), (least, most) = fitted, _PILOTS
-        weights = normalised(cloud.log_weights)
-        there = proposal.middle(cloud.points, weights)
-        for number in range(1, most + 1):
-            rough = self._seen_from(frame, density, some, there, cloud.points[_spread(weights)])
-            first = self._drawn(frame, rough, proposal)
-            proposal, cloud = self._fitted(frame, rough, first, _NEAR if number < least else _FITS)
-            weights = normalised(cloud.log_weights)
-            before, there = there, proposal.middle(cloud.points, weights)
-            sds = np.sqrt(weights @ (cloud.points - weights @ cloud.points) ** 2)
-            if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
-                break
-        density = self._seen_from(frame, density, measurement, there, cloud.points[_spread(weights)])
-        proposal, _ = self._fitted(frame, density, self._drawn(frame, density, proposal))
-        return self._finished(frame, density, proposal, _OUTLINE)
-
-    def _next_to(
-        self, near: WeightedPosterior, frame: Frame, density: PosteriorDensity, measurement: Measurement
-    ) -> WeightedPosterior:
-        """Compute a posterior that is nearly the same as another one, less precisely."""
-        if measurement.outline is None:
-            found = self._reweighted(near, density)
-            if all(gate.passed for gate in found.gates):
-                return found
-        else:
-            there = near.proposal.middle(near.points, near.weights)
-            density = self._seen_from(frame, density, measurement, there, near.points[_spread(near.weights)])
-        cloud = self._drawn(frame, density, near.proposal)
-        proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED))
-        return self._finished(frame, density, proposal, _NEXT)
-
-    def _reweighted(self, near: WeightedPosterior, density: PosteriorDensity) -> WeightedPosterior:
-        """Return the posterior of lengths at the points of another one, where the model is known."""
-        frame, factor = near.frame, density.error_scale / near.density.error_scale
-        nodes = replace(near.nodes, model=near.nodes.model.rescaled(factor))
-        width = frame.theta(near.points).get("half_width")
-        log_density = frame.log_density(density, near.points, nodes, width)
-        drawn = near.log_density - np.log(near.weights)
-        return self._weighted(density, frame, near.proposal, Cloud(near.points, nodes, log_density, drawn))
-
-    def _seen_from(
-        self, frame: Frame, density: PosteriorDensity, measurement: Measurement, there: Floats, others: Floats
-    ) -> PosteriorDensity:
-        """Return the density with the likelihood of an outline whose pilot is the shape at a point (d,)."""
-        # The model's own error is averaged over this and other points (k, d): it may change much from place to place.
-        assert measurement.outline is not None, "an outline"
-        values = frame.theta(np.concatenate([there[None], others]))
-        theta, *rest = (
-            {name: float(column[row]) for name, column in values.items() if name in self.model.names}
-            for row in range(1 + len(others))
-        )
-        length = measurement.length_with_outline
-        pilot = outline_likelihood(
-            self.model, measurement.outline, theta, density.error_scale, length=length, others=rest
-        )
-        return replace(density, outline=pilot)
-
-    def _frame(self, density: PosteriorDensity) -> Frame:
+    def _target(self, density: PosteriorDensity) -> Target:
         width = density.inputs.half_width if density.shape_depends_on_half_width else None
-        return Frame(self.model.domain, self.coordinates, width, density.inputs.half_width.value)
+        frame = Frame(self.model.domain, self.coordinates, width, density.inputs.half_width.value)
+        return Target(self.model, frame, density)
 
-    def _over_prior(self, frame: Frame, density: PosteriorDensity) -> Cloud:
-        """Return a cloud over the prior; the likelihood of an outline is left out, as it needs a pilot."""
-        points = frame.of_prior(quasi_random(frame.dimensions, _CLOUD, 0))
-        # of a half width that is a dimension, the density contains the very prior that it is drawn by
-        drawn = frame.log_prior(points)
-        if frame.half_width is not None:
-            drawn = drawn + frame.half_width.log_shape(frame.theta(points)["half_width"])
-        return self._evaluated(frame, density, points, drawn)
 
-    def _fitted(
-        self, frame: Frame, density: PosteriorDensity, cloud: Cloud, enough: float = _FITS
-    ) -> tuple[Proposal, Cloud]:
-        """Return a proposal fitted to the posterior and the last draws before it, from a cloud that is wider."""
-        # There are rounds until a share of the draws is effective that is enough. Where rounds of some draws gain no
-        # more and few of them are effective, there are more draws in each.
-        proposal, number = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * _TRIED)), 0
-        for count in (_TRIED, 4 * _TRIED):
-            before = 0.0
-            for _ in range(_ROUNDS):
-                number += 1
-                cloud = self._drawn(frame, density, proposal, count, seed=number)
-                share = effective(normalised(cloud.log_weights)) / count
-                if share < _GAIN * before and before > _ALIVE:
-                    break
-                before = share
-                proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * count))
-                if share >= enough:
-                    break
-            if share > min(_GOOD, enough):
-                break
-        return proposal, cloud
+def _of_outline(target: Target, proposal: Proposal, draws: Draws, measurement: Measurement) -> WeightedPosterior:
+    """Compute the posterior given an outline, from draws near it; its covariance is that at a pilot shape."""
+    # While it is sought, some points of the outline stand for all.
+    assert measurement.outline is not None, "an outline"
+    every = max(1, len(measurement.outline.points) // _SEARCHED)
+    sparse = replace(measurement, outline=replace(measurement.outline, points=measurement.outline.points[::every]))
+    least, most = _PILOTS
+    weights = normalised(draws.log_weights)
+    there = proposal.middle(draws.points, weights)
+    for number in range(1, most + 1):
+        rough = target.seen_from(sparse, there, draws.points[_spread(weights)])
+        proposal, draws = rough.approached(rough.drawn(proposal, _TRIED), _NEAR if number < least else _FITS)
+        weights = normalised(draws.log_weights)
+        before, there = there, proposal.middle(draws.points, weights)
+        sds = np.sqrt(weights @ (draws.points - weights @ draws.points) ** 2)
+        if number >= least and np.all(np.abs(there - before) <= _SETTLED * sds):
+            break
+    target = target.seen_from(measurement, there, draws.points[_spread(weights)])
+    proposal, _ = target.approached(target.drawn(proposal, _TRIED))
+    return target.finished(proposal, _OUTLINE)
 
-    def _drawn(
-        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, count: int = _TRIED, *, seed: int = 0
-    ) -> Cloud:
-        points = proposal.drawn(quasi_random(frame.dimensions + 2, count, seed))
-        return self._evaluated(frame, density, points, proposal.log_density(points))
 
-    def _finished(
-        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, numbers: tuple[float, int, int]
-    ) -> WeightedPosterior:
-        """Draw and weigh; while a gate fails, fit a proposal to the draws and repeat."""
-        for _ in range(_REPEATS + 1):
-            cloud = self._enough(frame, density, proposal, *numbers)
-            found = self._weighted(density, frame, proposal, cloud)
-            if all(gate.passed for gate in found.gates):
-                break
-            proposal = Proposal.fitted(cloud.points, tempered(cloud.log_weights, _ALIVE * numbers[1]))
-        return found
+def _next_to(near: WeightedPosterior, target: Target, measurement: Measurement) -> WeightedPosterior:
+    """Compute a posterior that is nearly the same as another one, less precisely."""
+    if measurement.outline is None:
+        posterior = _reweighted(near, target)
+        if all(gate.passed for gate in posterior.gates):
+            return posterior
+    else:
+        there = near.proposal.middle(near.points, near.weights)
+        target = target.seen_from(measurement, there, near.points[_spread(near.weights)])
+    draws = target.drawn(near.proposal, _TRIED)
+    return target.finished(fitted(draws.points, draws.log_weights, _TRIED), _NEXT)
 
-    def _weighted(self, density: PosteriorDensity, frame: Frame, proposal: Proposal, cloud: Cloud) -> WeightedPosterior:
-        """Return the posterior at the points of a cloud, and the gates on their weights."""
-        log_weights, shape = smoothed(cloud.log_weights)
-        weights = normalised(log_weights)
-        gates = (
-            Gate("effective draws", effective(normalised(cloud.log_weights)), least=_LEAST_EFFECTIVE),
-            Gate("Pareto k of the weights", shape, most=_MOST_PARETO),
-        )
-        kept = weights > 0.0
-        known = cloud.points[kept], cloud.log_density[kept], weights[kept], cloud.nodes.taken(kept), gates
-        return WeightedPosterior(self.model, density, frame, proposal, *known)
 
-    def _enough(
-        self, frame: Frame, density: PosteriorDensity, proposal: Proposal, enough: float, first: int, most: int
-    ) -> Cloud:
-        """Draw some, and as many again until the effective draws are enough, or the draws the most."""
-        cloud = self._drawn(frame, density, proposal, first, seed=-1)
-        while effective(normalised(cloud.log_weights)) < enough and len(cloud.points) < most:
-            ahead = len(cloud.points)
-            points = proposal.drawn(quasi_random(frame.dimensions + 2, ahead, -1, ahead))
-            cloud = cloud.joined(self._evaluated(frame, density, points, proposal.log_density(points)))
-        return cloud
-
-    def _evaluated(self, frame: Frame, density: PosteriorDensity, points: Floats, log_drawn: Floats) -> Cloud:
-        nodes, log_density = frame.evaluated(self.model, density, points)
-        return Cloud(points, nodes, log_density, log_drawn)
+def _reweighted(near: WeightedPosterior, target: Target) -> WeightedPosterior:
+    """Return the posterior of lengths at the points of another one, where the model is known."""
+    density, factor = target.density, target.density.error_scale / near.density.error_scale
+    nodes = replace(near.nodes, model=near.nodes.model.rescaled(factor))
+    log_density = near.frame.log_density(density, near.points, nodes, near.frame.theta(near.points).get("half_width"))
+    draws = Draws(near.points, log_density, near.log_density - np.log(near.weights), nodes)
+    return replace(target, frame=near.frame).result(draws, near.proposal)
 
 
 def _spread(weights: Floats) -> Integers:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -18,7 +17,7 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.files.csv_file import safe_cell
 from capsbayes.files.output_file import write_dataset, write_lines
-from capsbayes.infer.posterior import REPORTED
+from capsbayes.infer.posterior import REPORTED, read_attributes
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.verdict import PREDICTED
 from capsbayes.measurement_sets import NUMBERS, opened
@@ -102,88 +101,103 @@ def merged(components: NDArray[np.float32], neighbours: int) -> NDArray[np.float
     return np.stack([weight, x, y, *seconds], axis=2).astype(np.float32)
 
 
-# Results of capsules, one row each, as arrays
-
-Strings = NDArray[Any]  # of str, or of objects that are
+# Results of capsules by column, one row each
 
 LEANINGS = ("border", "prior", "two_shapes", "wrinkles", "unsure_shapes")
 """Borders next to which a posterior may lie: of the model, of the prior ranges, of regions with a caveat."""
 
+STATISTICS = tuple(statistic.name for statistic in fields(Marginal))  # of each quantity
 
-@dataclass(frozen=True, eq=False)
-class CapsuleRows:
-    """Results of n capsules."""
+TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
+"""Columns of text: source and sha256 are of the file that was read, a reason is where the status does not tell it."""
 
-    name: Strings
-    source: Strings  # file it was read from
-    sha256: Strings  # of the file
-    status: Strings  # name of a `Status`
-    reason: Strings  # where the status alone does not tell it
-    engine: Strings
-    numbers: Floats  # (n, k): the `NUMBERS` that were measured
-    summaries: Floats  # (n, 7, 7): the `STATISTICS` of the `REPORTED`, SI
-    distance: Floats  # (n,): of the lengths from those of the likeliest shape, in standard errors
-    leaning: Floats  # (n, 5): shares of the posterior, of `LEANINGS`
-    p_values: Floats  # (n, 3), of `PREDICTED`, NaN where one was not measured
-    reynolds_number: Floats
-    components: NDArray[np.float32]  # (n, c, 6): likelihood of (log(G_s / mu), log(a / l)) as a mixture of Gaussians
 
-    def __len__(self) -> int:
-        return len(self.name)
+def _measured_columns() -> dict[str, dict[str, str]]:
+    """Return the attributes of the columns of what was measured."""
+    known = {name: PARAMETERS.get(name.removesuffix("_error")) for name in NUMBERS}
+    return {name: {"units": "1" if parameter is None else parameter.unit} for name, parameter in known.items()}
+
+
+def _columns_of_engine() -> dict[str, dict[str, str]]:
+    """Return the attributes of the columns that an engine fills."""
+    columns = {}
+    for parameter in (PARAMETERS[name] for name in REPORTED):
+        about = {"units": parameter.unit, "symbol": parameter.symbol}
+        for statistic in STATISTICS:
+            meaning = f"{statistic} of the {parameter.meaning}"
+            columns[f"{parameter.name}_{statistic}"] = {**about, "long_name": meaning}
+    columns["distance"] = {"units": "1", "long_name": "standard errors to the likeliest"}
+    for name in LEANINGS:
+        meaning = f"share of the posterior that leans on: {name.replace('_', ' ')}"
+        columns[f"leaning_{name}"] = {"units": "1", "long_name": meaning}
+    for name in PREDICTED:
+        meaning = f"predictive p-value of the {PARAMETERS[name].meaning}"
+        columns[f"p_value_{name}"] = {"units": "1", "long_name": meaning}
+    columns["reynolds_number"] = {"units": "1", "long_name": "rho U l / mu"}
+    return columns
+
+
+_OF_ENGINE = _columns_of_engine()
+_COLUMNS = _measured_columns() | _OF_ENGINE
+
+
+class CapsuleRows(dict[str, NDArray[Any]]):
+    """Results of n capsules by column: texts, numbers, and ``likelihood`` as a mixture of Gaussians (n, c, 6)."""
 
     @classmethod
-    def empty(cls, names: Sequence[str], sources: Sequence[str], numbers: Floats | None = None) -> CapsuleRows:
+    def empty(cls, names: Sequence[str], sources: Sequence[str]) -> CapsuleRows:
         """Return rows without results, to be filled."""
         count = len(names)
-        texts = [np.array(each, dtype=object) for each in (names, sources, *[[""] * count] * 4)]
-        none = [np.full((count, *shape), np.nan) for shape in ((len(REPORTED), 7), (), (len(LEANINGS),))]
-        none += [np.full((count, len(PREDICTED)), np.nan), np.full(count, np.nan)]
-        numbers = np.full((count, len(NUMBERS)), np.nan) if numbers is None else numbers
-        components = np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32)
-        arrays: list[NDArray[Any]] = [*texts, numbers, *none, components]
-        return cls(*arrays)
+        texts = {name: np.full(count, "", dtype=object) for name in TEXTS}
+        likelihood = np.zeros((count, COMPONENTS, len(COMPONENT)), np.float32)
+        rows = cls(texts | {name: np.full(count, np.nan) for name in _COLUMNS} | {"likelihood": likelihood})
+        rows.fill(slice(None), {"name": names, "source": sources})
+        return rows
+
+    @property
+    def count(self) -> int:
+        """Number of capsules."""
+        return len(self["name"])
+
+    def fill(self, row: int | slice, values: Mapping[str, Any]) -> None:
+        """Set some columns of a row."""
+        for name, value in values.items():
+            self[name][row] = value
 
     def refuse(self, row: int, status: Status, reason: str) -> None:
         """Set status and reason of a row, and clear what an engine may have found for it under another prior."""
-        self.status[row], self.reason[row], self.components[row] = status.name, reason, 0.0
-        for of_engine in (self.summaries, self.leaning, self.p_values, self.reynolds_number):
-            of_engine[row] = np.nan
+        none = {name: np.nan for name in _OF_ENGINE if name != "distance"}
+        self.fill(row, {"status": status.name, "reason": reason, "likelihood": 0.0, **none})
 
     @classmethod
     def joined(cls, parts: Iterable[CapsuleRows], count: int) -> CapsuleRows:
         """Join the rows of several, one after the other, so that memory holds them once."""
-        whole: dict[str, NDArray[Any]] = {}
+        whole = cls()
         known: dict[str, str] = {}  # a million rows of one table name the same file
         first = 0
         for part in parts:
-            rows = slice(first, first + len(part))
-            for field in fields(cls):
-                values = getattr(part, field.name)
-                if values.dtype.kind in "OU":
-                    values = np.array([known.setdefault(text, text) for text in values.tolist()], dtype=object)
-                if field.name not in whole:
-                    whole[field.name] = np.empty((count, *values.shape[1:]), values.dtype)
-                whole[field.name][rows] = values
-            first += len(part)
-        return cls(**whole)
+            for name, values in part.items():
+                if name in TEXTS:
+                    values[:] = [known.setdefault(text, text) for text in values.tolist()]
+                if name not in whole:
+                    whole[name] = np.empty((count, *values.shape[1:]), values.dtype)
+                whole[name][first : first + part.count] = values
+            first += part.count
+        return whole
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> CapsuleRows:
         """Return the rows whose `arrays` these are."""
-        known = {field.name: arrays[field.name] for field in fields(cls)}
-        texts = {name: values.astype(object) for name, values in known.items() if values.dtype.kind == "U"}
-        return cls(**known | texts)
+        texts = {name: arrays[name].astype(object) for name in TEXTS}
+        return cls(texts | {name: arrays[name] for name in (*_COLUMNS, "likelihood")})
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays by name, text as numpy text."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
-        return arrays | {name: values.astype(np.str_) for name, values in arrays.items() if values.dtype.kind in "OU"}
+        """The columns by name, text as numpy text."""
+        return {**self, **{name: self[name].astype(np.str_) for name in TEXTS}}
 
 
 # Posteriors of many capsules: one row each, with everything needed to repeat it
-
-STATISTICS = tuple(statistic.name for statistic in fields(Marginal))  # of each quantity
 
 SUMMARISED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
 """Quantities in the summary of a population."""
@@ -197,7 +211,6 @@ _NEEDED = tuple(
     for name in ("surface_shear_modulus", "capsule_radius")
     for end in ("median", "lower_68", "upper_68", "lower_95", "upper_95")
 )
-_TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 _LINES = 10_000  # of a table formatted at once
 _USABLE = (Status.DONE, Status.LEANS_ON_TWO_SHAPES, Status.LEANS_ON_WRINKLES, Status.LEANS_ON_UNSURE_SHAPES)
 
@@ -230,30 +243,10 @@ class Population(Readable):
         import xarray as xr
 
         along = ("capsule",)
-        variables: dict[str, Any] = {name: (along, getattr(rows, name)) for name in _TEXTS}
-        for number, name in enumerate(NUMBERS):
-            measured = PARAMETERS.get(name.removesuffix("_error"))
-            unit = "1" if measured is None else measured.unit
-            variables[name] = (along, rows.numbers[:, number], {"units": unit})
-        for number, name in enumerate(REPORTED):
-            parameter = PARAMETERS[name]
-            for k, statistic in enumerate(STATISTICS):
-                about = {
-                    "units": parameter.unit,
-                    "symbol": parameter.symbol,
-                    "long_name": f"{statistic} of the {parameter.meaning}",
-                }
-                variables[f"{name}_{statistic}"] = (along, rows.summaries[:, number, k], about)
-        variables["distance"] = (along, rows.distance, {"units": "1", "long_name": "standard errors to the likeliest"})
-        for number, name in enumerate(LEANINGS):
-            about = {"units": "1", "long_name": f"share of the posterior that leans on: {name.replace('_', ' ')}"}
-            variables[f"leaning_{name}"] = (along, rows.leaning[:, number], about)
-        for number, name in enumerate(PREDICTED):
-            about = {"units": "1", "long_name": f"predictive p-value of the {PARAMETERS[name].meaning}"}
-            variables[f"p_value_{name}"] = (along, rows.p_values[:, number], about)
-        variables["reynolds_number"] = (along, rows.reynolds_number, {"units": "1", "long_name": "rho U l / mu"})
+        variables: dict[str, Any] = {name: (along, rows[name]) for name in TEXTS}
+        variables |= {name: (along, rows[name], about) for name, about in _COLUMNS.items()}
         about = {"units": "1", "long_name": "likelihood of (log(G_s / mu), log(a / l)), a mixture of Gaussians"}
-        variables["likelihood"] = (("capsule", "component", "number"), rows.components, about)
+        variables["likelihood"] = (("capsule", "component", "number"), rows["likelihood"], about)
         coordinates: dict[str, Any] = {"number": list(COMPONENT)}
         if limit is not None:
             about = {"units": "1", "long_name": "highest capillary number of steady shapes"}
@@ -406,13 +399,7 @@ class Population(Readable):
     @property
     def attributes(self) -> dict[str, Any]:
         """Attributes of the run, JSON values read."""
-        found = {}
-        for name, value in self.dataset.attrs.items():
-            try:
-                found[str(name)] = json.loads(value) if isinstance(value, str) else value
-            except json.JSONDecodeError:
-                found[str(name)] = value
-        return found
+        return read_attributes(self.dataset.attrs)
 
 
 @functools.lru_cache(maxsize=1024)  # most texts are those of the row before

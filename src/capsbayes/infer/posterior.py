@@ -14,11 +14,11 @@ import numpy as np
 from capsbayes import __version__
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
-from capsbayes.experiment import WATER, Experiment, capsule_radius, surface_shear_modulus
+from capsbayes.experiment import Experiment, capsule_radius, surface_shear_modulus
 from capsbayes.files.input_file import check_file, parsing
 from capsbayes.files.output_file import write_dataset
 from capsbayes.infer.checks import Agreement, Gate
-from capsbayes.infer.predictive import Predictive, as_datasets
+from capsbayes.infer.predictive import Predictive
 from capsbayes.infer.prior import THICKNESS, Inputs, Marginal, Prior
 from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
@@ -32,23 +32,56 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-# Groups of datasets as an `arviz.InferenceData`, in SI or in display units
+# What results have in common: draws as datasets with units, JSON in attributes, groups as an `arviz.InferenceData`
 
 
-def inference_data(groups: Mapping[str, xr.Dataset]) -> Any:
-    """Return the groups as an `arviz.InferenceData`."""
+def chains(arrays: Mapping[str, Floats], **coordinates: Any) -> xr.Dataset:
+    """Return (chain, draw) arrays as a dataset, with the attributes of the quantities that they are named for."""
+    import xarray as xr
+
+    number, length = next(iter(arrays.values())).shape
+    variables = {name: (("chain", "draw"), values, attributes_of(name)) for name, values in arrays.items()}
+    return xr.Dataset(variables, {"chain": np.arange(number), "draw": np.arange(length), **coordinates})
+
+
+def attributes_of(name: str) -> dict[str, str]:
+    """Return meaning, symbol and unit of a quantity, nothing for other names."""
+    parameter = PARAMETERS.get(name)
+    if parameter is None:
+        return {}
+    return {"long_name": parameter.meaning, "symbol": parameter.symbol, "units": parameter.unit}
+
+
+def read_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes of a file, read as JSON where they are JSON."""
+    return {str(name): _loaded(value) for name, value in attributes.items()}
+
+
+def _loaded(value: Any) -> Any:
+    try:
+        return json.loads(value) if isinstance(value, str) else value
+    except json.JSONDecodeError:
+        return value
+
+
+def inference_data(groups: Mapping[str, xr.Dataset], units: str) -> Any:
+    """Return groups as an `arviz.InferenceData`, if they are wanted with quantities in display units."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
         import arviz  # a second to import
+    if units == "shown":
+        groups = {name: group if name == "log_likelihood" else _shown(group) for name, group in groups.items()}
     return arviz.InferenceData(**groups, warn_on_custom_groups=False)
 
 
-def shown(groups: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Return groups with all quantities in display units, named as ``G_s [mN/m]``."""
-    return {group: _shown(dataset) if group != "log_likelihood" else dataset for group, dataset in groups.items()}
+def check_units(units: str, where: str) -> None:
+    """Refuse units that are neither SI nor those of display."""
+    if units not in ("si", "shown"):
+        raise InputError(where, "units", '"si" or "shown"', repr(units))
 
 
 def _shown(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with all quantities in display units, named as ``G_s [mN/m]``."""
     made = {}
     for name, variable in dataset.data_vars.items():
         parameter = PARAMETERS.get(str(name).removesuffix("_error"))
@@ -123,7 +156,8 @@ OVER_LAWS = "surface_shear_modulus_over_laws"
 """Attribute of the file of a posterior with one law: the least and the largest G_s of others."""
 
 _APART = ("outline", "experiment_file", "conditions", "status")  # of a measurement: not stored as they are
-_FLUID = ("viscosity", "viscous_tension")
+_TEXTS = ("cross_section", "source", "sha256")  # of an experiment
+_QUANTITIES = ("half_width", "viscosity", "viscous_tension", "density", THICKNESS)
 
 
 def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequence[Gate]) -> dict[str, Any]:
@@ -141,13 +175,8 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
     return {
         "measurement": measured,
         "experiment": {
-            "cross_section": known.cross_section,
-            "half_width": known.half_width.as_record(),
-            **{name: _recorded(getattr(known, name)) for name in _FLUID},
-            "source": known.source,
-            "sha256": known.sha256,
-            "density": known.density.as_record(),
-            THICKNESS: _recorded(known.membrane_thickness),
+            **{name: getattr(known, name) for name in _TEXTS},
+            **{name: _recorded(getattr(known, name)) for name in _QUANTITIES},
             "frame_rate": rate and {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
@@ -157,10 +186,6 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
 
 def _recorded(quantity: Quantity | None) -> Any:
     return None if quantity is None else quantity.as_record()
-
-
-def _quantity(record: Any, unit: str) -> Quantity | None:
-    return None if record is None else Quantity.of_record(record, unit)
 
 
 def work_of(path: Path) -> str | None:
@@ -174,23 +199,9 @@ def work_of(path: Path) -> str | None:
         return None
 
 
-def read_fields(path: Path) -> dict[str, Any]:
-    """Read the fields of the `Posterior` that a file holds."""
-    import h5netcdf
-
-    check_file(path, "file of a posterior")
-    with parsing(str(path), "the file of a posterior"), h5netcdf.File(path, "r") as file:
-        attributes = {name: file.attrs[name] for name in file.attrs}
-        groups = {name: {key: variable[...] for key, variable in file[name].variables.items()} for name in file.groups}
-    if RECORD not in attributes or "posterior" not in groups:
-        expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
-        raise InputError(str(path), "", expected, "one that lacks what makes it whole", advice)
-    with parsing(str(path), "the file of a posterior, whole"):
-        return _fields(attributes, groups)
-
-
 def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    tables = {name: _loaded(value) for name, value in attributes.items()}
+    """Return the fields of the `Posterior` that a file holds."""
+    tables = read_attributes(attributes)
     record = tables[RECORD]
     measurement = _measurement(record["measurement"], groups["observed_data"].get("outline"))
     experiment = _experiment(record["experiment"])
@@ -225,14 +236,6 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
     }
 
 
-def _loaded(value: Any) -> Any:
-    """Return an attribute read as JSON where it is JSON."""
-    try:
-        return json.loads(value) if isinstance(value, str) else value
-    except json.JSONDecodeError:
-        return value
-
-
 def _without(table: Mapping[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name not in names}
 
@@ -257,18 +260,14 @@ def _measurement(table: Mapping[str, Any], points: Any) -> Measurement:
 
 
 def _experiment(table: Mapping[str, Any]) -> Experiment:
-    rate = table["frame_rate"]
-    viscosity, tension, thickness = (_quantity(table.get(name), PARAMETERS[name].si) for name in (*_FLUID, THICKNESS))
+    rate, stated = table["frame_rate"], {name: table[name] for name in _QUANTITIES if table.get(name) is not None}
+    read: dict[str, Any] = {name: Quantity.of_record(each, PARAMETERS[name].si) for name, each in stated.items()}
     return Experiment(
         cross_section=table["cross_section"] if "cross_section" in table else table["section"],
-        half_width=Quantity.of_record(table["half_width"], "m"),
-        viscosity=viscosity,
-        viscous_tension=tension,
         source=table["source"],
         sha256=table["sha256"],
         frame_rate=None if rate is None else Quantity(**rate),
-        density=Quantity.of_record(table["density"], "kg/m^3") if "density" in table else WATER,
-        membrane_thickness=thickness,
+        **read,
     )
 
 
@@ -288,6 +287,7 @@ REPORTED = (
 OF_VELOCITY = ("viscosity", "capsule_velocity", "mean_velocity", "velocity_ratio")
 """Quantities that a posterior lacks where mu U was given as one quantity."""
 
+_LENGTHS = ("axial_extent", "axial_length")
 _WITHIN_68 = 0.68
 
 
@@ -380,7 +380,18 @@ class Posterior:
         InputError
             If it is missing, damaged, or no such file.
         """
-        return cls(**read_fields(Path(path)))
+        import h5netcdf
+
+        where = str(path)
+        check_file(Path(path), "file of a posterior")
+        with parsing(where, "the file of a posterior"), h5netcdf.File(path, "r") as file:
+            attributes = {name: file.attrs[name] for name in file.attrs}
+            groups = {name: {key: item[...] for key, item in file[name].variables.items()} for name in file.groups}
+        if RECORD not in attributes or "posterior" not in groups:
+            expected, advice = "the file of a posterior, as capsbayes identify writes it", "identify the capsule again"
+            raise InputError(where, "", expected, "one that lacks what makes it whole", advice)
+        with parsing(where, "the file of a posterior, whole"):
+            return cls(**_fields(attributes, groups))
 
     def __repr__(self) -> str:
         names = "surface_shear_modulus", "capsule_radius"
@@ -498,18 +509,11 @@ class Posterior:
         """Return the groups of an ArviZ InferenceData, as datasets."""
         import xarray as xr
 
-        number = next(iter(self.draws.values())).shape[1]
-        shape = {
-            "chain": np.arange(len(self.ensemble)),
-            "draw": np.arange(number),
-            "ensemble": ("chain", self.ensemble),
-        }
-        draws = {
-            name: (("chain", "draw"), values, _attributes(name)) for name, values in self.draws.items() if name != "lp"
-        }
-        groups = {"posterior": xr.Dataset(draws, shape)}
+        ensemble = ("chain", self.ensemble)
+        parameters = {name: values for name, values in self.draws.items() if name != "lp"}
+        groups = {"posterior": chains(parameters, ensemble=ensemble)}
         if "lp" in self.draws:
-            groups["sample_stats"] = xr.Dataset({"lp": (("chain", "draw"), self.draws["lp"])}, shape)
+            groups["sample_stats"] = chains({"lp": self.draws["lp"]}, ensemble=ensemble)
         if self.outlines is not None:
             outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
             outline = outline.assign_attrs(units="l", long_name="predicted outline, columns (z, y) from the nose")
@@ -623,28 +627,21 @@ class Posterior:
         [51.0, 24.0]
         """
 
-        if units not in ("si", "shown"):
-            raise InputError("posterior", "units", '"si" or "shown"', repr(units))
+        check_units(units, "posterior")
         groups, forward = self.groups(), self.model_of(model)
         what = (self.draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
         further = Predictive(*what).groups()
         if "sample_stats" in groups:  # of the chains themselves
             del further["sample_stats"]
-        names = {name for of in further.values() for name in of if name in PARAMETERS}
-        known = {name: _attributes(name) for name in names}
+        made = {group: chains(arrays) for group, arrays in further.items()}
         if not self.measurement.over_half_width:
-            known |= {name: {**known[name], "units": "m"} for name in ("axial_extent", "axial_length") if name in known}
-        made = as_datasets(further, known)
+            for length in (dataset[name] for dataset in made.values() for name in _LENGTHS if name in dataset):
+                length.attrs["units"] = "m"
         if self.outlines is not None:  # of some of the draws
             outlines = groups["posterior_predictive"]["outline"][0].rename(draw="outline_draw")
             made["posterior_predictive"] = made["posterior_predictive"].assign(outline=outlines)
         groups |= made
-        return inference_data(shown(groups) if units == "shown" else groups)
-
-
-def _attributes(name: str) -> dict[str, str]:
-    parameter = PARAMETERS[name]
-    return {"long_name": parameter.meaning, "symbol": parameter.symbol, "units": parameter.unit}
+        return inference_data(groups, units)
 
 
 def width_over_prior(marginal: Marginal, prior: Quantity) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _CANDIDATES, _PRIOR_DRAWS = 50_000, 2000
 _FEWEST = 200  # effective candidates
@@ -182,17 +178,3 @@ class Predictive:
 
 def _log_normal(value: float, mean: Floats, sd: float) -> Floats:
     return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT)
-
-
-def as_datasets(
-    groups: Mapping[str, Mapping[str, Floats]], attributes: Mapping[str, dict[str, str]]
-) -> dict[str, xr.Dataset]:
-    """Return groups of (chain, draw) arrays as datasets, with the attributes of each variable."""
-    import xarray as xr
-
-    made = {}
-    for group, variables in groups.items():
-        number, length = next(iter(variables.values())).shape
-        arrays = {name: (("chain", "draw"), values, attributes.get(name, {})) for name, values in variables.items()}
-        made[group] = xr.Dataset(arrays, {"chain": np.arange(number), "draw": np.arange(length)})
-    return made

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import abc
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, gammaln, ndtr, ndtri
@@ -14,6 +16,7 @@ from scipy.special import chdtri, gammaln, ndtr, ndtri
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, bending, membrane_thickness
+from capsbayes.infer.checks import Gate
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import Nodes
 from capsbayes.infer.likelihood import compiled
@@ -23,6 +26,9 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
 
 # Quasi-random draws and their weights: the effective number, the heaviness of the tail, rows by weight
+
+
+_MOST_PARETO = 0.7  # shape of the tail of the weights
 
 
 def normalised(log_weights: Floats) -> Floats:
@@ -80,9 +86,10 @@ def smoothed(log_weights: Floats) -> tuple[Floats, float]:
     return np.asarray(found), float(shape)
 
 
-def pareto_shape(log_weights: Floats) -> float:
-    """Return the shape k of the tail of the weights, see `smoothed`."""
-    return smoothed(log_weights)[1]
+def weight_gates(log_weights: Floats, shape: float, least: float, draws: str = "effective draws") -> tuple[Gate, Gate]:
+    """Return the gates on the effective number of draws with these weights, and on the shape k of their tail."""
+    count = effective(normalised(log_weights))
+    return Gate(draws, count, least=least), Gate("Pareto k of the weights", shape, most=_MOST_PARETO)
 
 
 # Mixture of t distributions about a curved sheet, fitted to weighted points: what importance sampling draws from.
@@ -379,6 +386,83 @@ def _to_grain(values: Floats, scales: Floats) -> Floats:
     """Round to a small part of scales, so that the last digits do not depend on the processor."""
     grain = 2.0 ** np.floor(np.log2(_GRAIN * scales))
     return np.asarray(grain * np.round(values / grain))
+
+
+# Importance sampling: draws from a proposal, as many as are needed, and from another one while their weights fail
+
+_ALIVE = 0.1  # share of effective draws to which a proposal is fitted
+
+
+class Draws(NamedTuple):
+    """Weighted draws of a posterior."""
+
+    points: Floats  # (n, d)
+    log_density: Floats  # (n,): of the posterior there, up to a constant; -inf where it vanishes
+    log_drawn: Floats  # (n,): of what they are drawn by
+    found: Any  # what else is known there: a named tuple or an object that `joined` others
+
+    @property
+    def log_weights(self) -> Floats:
+        """Logs of the weights : (n,) array, -inf where the density vanishes."""
+        return self.log_density - self.log_drawn
+
+    def joined(self, other: Draws) -> Draws:
+        """Return these draws followed by others."""
+        points, log_density, log_drawn = (np.concatenate(both) for both in zip(self[:3], other[:3], strict=True))
+        return Draws(points, log_density, log_drawn, self.found.joined(other.found))
+
+
+def fitted(points: Floats, log_weights: Floats, count: int) -> Proposal:
+    """Return a proposal fitted to points with weights to a power that leaves a tenth of a number of draws effective."""
+    return Proposal.fitted(points, tempered(log_weights, _ALIVE * count))
+
+
+class Sampler(abc.ABC):
+    """A posterior that importance sampling draws from."""
+
+    @property
+    @abc.abstractmethod
+    def dimensions(self) -> int:
+        """Number of columns of a point."""
+
+    @abc.abstractmethod
+    def weighted(self, points: Floats, log_drawn: Floats, near: Draws | None = None) -> Draws:
+        """Evaluate the posterior at points (n, d); `near` are draws in whose neighbourhood they lie."""
+
+    @abc.abstractmethod
+    def result(self, draws: Draws, proposal: Proposal) -> Any:
+        """Return what the draws of a proposal tell, with `gates` on them."""
+
+    def log_weights(self, draws: Draws) -> Floats:
+        """Return the log weights by which draws are enough : (n,) array."""
+        return draws.log_weights
+
+    def refitted(self, draws: Draws, first: int) -> Proposal:
+        """Return a proposal fitted to draws, of which so many were the first."""
+        return fitted(draws.points, self.log_weights(draws), first)
+
+    def drawn(
+        self, proposal: Proposal, count: int, seed: int = 0, near: Draws | None = None, *, after: int = 0
+    ) -> Draws:
+        """Draw from a proposal, from a place in the quasi-random sequence of a seed on."""
+        points = proposal.drawn(quasi_random(self.dimensions + 2, count, seed, after))
+        return self.weighted(points, proposal.log_density(points), near)
+
+    def sample(
+        self, proposal: Proposal, numbers: tuple[float, int, int], seeds: Iterable[int], near: Draws | None = None
+    ) -> Any:
+        """Draw until enough draws are effective; while a gate fails, fit a proposal to them and take the next seed."""
+        enough, first, most = numbers  # effective draws that are enough, first and most draws
+        for seed in seeds:
+            draws = self.drawn(proposal, first, seed, near)
+            while effective(normalised(self.log_weights(draws))) < enough and len(draws.points) < most:
+                ahead = len(draws.points)
+                draws = draws.joined(self.drawn(proposal, ahead, seed, near, after=ahead))
+            result = self.result(draws, proposal)
+            if all(gate.passed for gate in result.gates):
+                break
+            proposal, near = self.refitted(draws, first), draws
+        return result
 
 
 # Coordinates in which a posterior over several coordinates is nearly normal: those that importance sampling draws

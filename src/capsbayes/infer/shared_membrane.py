@@ -31,9 +31,8 @@ from capsbayes.infer.conditional import (
     STEP,
     Batch,
     Capsules,
-    Lengths,
     Membranes,
-    Outlines,
+    ShapeModel,
     Start,
     Step,
     Unknowns,
@@ -45,14 +44,18 @@ from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.posterior import width_over_prior
 from capsbayes.infer.prior import LAWS, Coordinate, Marginal, Membrane, Prior
 from capsbayes.infer.proposal import (
+    Draws,
     Proposal,
+    Sampler,
     check_thickness,
     effective,
+    fitted,
     normalised,
-    pareto_shape,
     quasi_random,
     rows_by_weight,
+    smoothed,
     tempered,
+    weight_gates,
 )
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.measurement_sets import check_comparable
@@ -152,20 +155,19 @@ def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
 # Where the posterior of the membrane of a batch has its modes: Gauss-Newton steps along all unknowns together
 
 _STARTS, _BEST = 32, 4  # membranes tried, and those from which a mode is sought
-_USUAL = (0.2, 0.06, 0.2)  # spreads of ln G_s, of a/l and of ln alpha while modes are sought
+_USUAL = np.log([0.2, 0.06, 0.2])  # logs of the spreads of ln G_s, of a/l and of ln alpha while modes are sought
 _PILOTS = 2  # best membranes at which the model's error is read, one after the other
 _STEPS, _SETTLED = 15, 1e-2
 _LONGEST = 0.7  # step of a normal score
 _FARTHEST = 3.0  # normal score
 _HALVINGS = 4
-_NARROWEST, _OF_SPREADS = (0.05, 0.02, 0.05), 0.4  # spreads at first, and standard deviation of their logs
+_NARROWEST, _OF_SPREADS = np.array([0.05, 0.02, 0.05]), 0.4  # spreads at first, and standard deviation of their logs
 
 
 def starting_points(capsules: Capsules, unknowns: Unknowns) -> Floats:
     """Return the best points (d, p) of some over the prior."""
     points = unknowns.wide(quasi_random(unknowns.dimensions, _STARTS, 0))
-    for column, which in enumerate(unknowns.sought, unknowns.scores):
-        points[:, column] = np.log(_USUAL[which])
+    points[:, unknowns.scores :] = _USUAL[unknowns.sought]
     tried = capsules.at(unknowns.membranes(points), unknowns.spreads_at(points), iterations=2)
     return np.asarray(points[np.argsort(-tried.log_evidence, kind="stable")[:_BEST]])
 
@@ -240,9 +242,8 @@ def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: 
 def _with_spreads(unknowns: Unknowns, points: Floats, capsules: Capsules, own: Floats, log_ratio: Floats) -> Floats:
     """Return points with the spreads that the capsules have about their means."""
     moduli = capsules.log_moduli(own, log_ratio)
-    spreads = np.concatenate([moduli[..., None], own[..., 1:]], axis=2).std(axis=1).T
-    for column, which in enumerate(unknowns.sought, unknowns.scores):
-        points[:, column] = np.log(np.maximum(spreads[which], _NARROWEST[which]))
+    spreads = np.concatenate([moduli[..., None], own[..., 1:]], axis=2).std(axis=1)
+    points[:, unknowns.scores :] = np.log(np.maximum(spreads, _NARROWEST[: spreads.shape[1]]))[:, unknowns.sought]
     return points
 
 
@@ -261,9 +262,10 @@ _CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
 _FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
 _TRIED, _ROUNDS = 256, 6  # draws of a round
-_ALIVE, _GOOD = 0.1, 0.35  # share of effective draws to which a proposal is fitted, and which ends the rounds
+_ALIVE = 0.1  # share of effective draws along which the capsules change linearly
+_GOOD = 0.35  # share of effective draws, which ends the rounds
 _ENOUGH, _MOST, _REPEATS = 600.0, 4096, 3  # effective draws, draws, new proposals while a gate fails
-_LEAST_EFFECTIVE, _MOST_PARETO = 400.0, 0.7
+_LEAST_EFFECTIVE = 400.0
 _LEAST_WITHIN = 0.95
 WITHIN = "share of the capsules that are not on the border of the model"
 _WIDE = 0.3  # of the log likelihood, while the posterior is sought
@@ -282,6 +284,10 @@ class Found(NamedTuple):
     own: Floats  # (d, n, o), see `Conditional`
     common: Floats  # (d, 4)
 
+    def joined(self, other: Found) -> Found:
+        """Return those at these membranes followed by others."""
+        return Found(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
     @classmethod
     def known(cls, values: Start) -> Found:
         """Return one of which only the values of the capsules are known."""
@@ -289,42 +295,22 @@ class Found(NamedTuple):
         return cls(one, one, one, np.zeros((1, 0)), one + 1.0, *values)
 
 
-class MembraneDraws(NamedTuple):
-    """Weighted draws of the membrane."""
+def wide_weights(draws: Draws) -> Floats:
+    """Return log weights of a posterior with only a share of the log likelihood of the measurements : (d,) array."""
+    # It holds all modes that the average over errors of the model may have.
+    lowered = draws.log_weights - (1.0 - _WIDE) * draws.found.log_likelihood
+    return np.where(np.isfinite(draws.log_weights), lowered, -np.inf)
 
-    points: Floats  # (d, p): coordinates of `Unknowns`
-    log_weights: Floats  # (d,): with the model taken as exact; -inf is a weight of zero
-    found: Found
 
-    def joined(self, other: MembraneDraws) -> MembraneDraws:
-        """Return these draws followed by others."""
-        found = Found(*(np.concatenate(both) for both in zip(self.found, other.found, strict=True)))
-        points = np.concatenate([self.points, other.points])
-        return MembraneDraws(points, np.concatenate([self.log_weights, other.log_weights]), found)
-
-    @property
-    def wide(self) -> Floats:
-        """Log weights of a posterior with only a share of the log likelihood of the measurements : (d,) array."""
-        # It holds all modes that the average over errors of the model may have.
-        return np.where(
-            np.isfinite(self.log_weights), self.log_weights - (1.0 - _WIDE) * self.found.log_likelihood, -np.inf
-        )
-
-    @property
-    def averaged(self) -> Averaged:
-        """Weights averaged over errors of the model."""
-        return averaged(self.log_weights, self.found.places, self.found.variance)
-
-    @property
-    def effective(self) -> float:
-        """Effective number of the draws with these weights."""
-        return effective(normalised(self.averaged.log_weights))
+def averaged_draws(draws: Draws) -> Averaged:
+    """Return the weights of draws averaged over errors of the model."""
+    return averaged(draws.log_weights, draws.found.places, draws.found.variance)
 
 
 class Sampled(NamedTuple):
     """Result of the sampling."""
 
-    draws: MembraneDraws
+    draws: Draws  # `found` is a `Found`
     log_weights: Floats  # (d,): of the draws, averaged over errors of the model
     log_evidence: Floats  # (FUNCTIONS,): of the mean density over the prior under each error of the model
     evidence_error: float
@@ -332,7 +318,7 @@ class Sampled(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MembraneSampling:
+class MembraneSampling(Sampler):
     """Engine for the membrane of a batch."""
 
     capsules: Capsules
@@ -340,44 +326,55 @@ class MembraneSampling:
     scheduler: str | None = "synchronous"
     workers: int | None = None
 
+    @property
+    def dimensions(self) -> int:
+        return self.unknowns.dimensions
+
     def __call__(self) -> Sampled:
         """Sample the posterior; there is no randomness in it but that of a fixed quasi-random sequence."""
-        if not self.unknowns.dimensions:
-            point = np.zeros((1, 0))
-            there = self.found(point)
-            return _result(MembraneDraws(point, there.log_density, there), certain=True)
+        if not self.dimensions:
+            draws = self._certain()
+            return _with_gate_on_borders(Sampled(draws, *averaged_draws(draws), 0.0, ()))
         draws = self._first()
         for number in range(1, _ROUNDS + 1):
-            draws = self._drawn(_fitted(draws.points, draws.wide), _TRIED, number, draws)
-            if effective(normalised(draws.wide)) / _TRIED > _GOOD:
+            proposal = fitted(draws.points, wide_weights(draws), len(draws.points))
+            draws = self.drawn(proposal, _TRIED, number, draws)
+            if effective(normalised(wide_weights(draws))) / _TRIED > _GOOD:
                 break
-        for number in range(_REPEATS + 1):
-            draws = self._enough(_fitted(draws.points, draws.averaged.log_weights), draws, number)
-            result = _result(draws)
-            if all(gate.passed for gate in result.gates if gate.name != WITHIN):
-                break
-        return result
+        proposal, seeds = self.refitted(draws, len(draws.points)), range(-1, -2 - _REPEATS, -1)
+        return _with_gate_on_borders(self.sample(proposal, (_ENOUGH, 2 * _TRIED, _MOST), seeds, draws))
 
-    def about(self, mode: Mode, values: Start) -> MembraneDraws:
+    def about(self, mode: Mode, values: Start) -> Draws:
         """Sample with few draws about a mode that is known, with the values of the capsules there."""
-        if not self.unknowns.dimensions:
-            point = np.zeros((1, 0))
-            there = self.found(point)
-            return MembraneDraws(point, there.log_density, there)
-        near = MembraneDraws(mode.point[None], np.zeros(1), Found.known(values))
+        if not self.dimensions:
+            return self._certain()
+        near = Draws(mode.point[None], np.zeros(1), np.zeros(1), Found.known(values))
         points = _about(mode, _TRIED, 0)
+        draws = self.weighted(points, _log_about(mode, points), near)
+        return self.drawn(fitted(points, draws.log_weights, _TRIED), 2 * _TRIED, 1, near)
+
+    def weighted(self, points: Floats, log_drawn: Floats, near: Draws | None = None) -> Draws:
         found = self.found(points, near)
-        proposal = _fitted(points, found.log_density - _log_about(mode, points))
-        return self._drawn(proposal, 2 * _TRIED, 1, near)
+        return Draws(points, found.log_density, log_drawn, found)
 
-    def _enough(self, proposal: Proposal, near: MembraneDraws, number: int) -> MembraneDraws:
-        """Draw until the effective draws are enough, or the draws the most."""
-        draws = self._drawn(proposal, 2 * _TRIED, -1 - number, near)
-        while draws.effective < _ENOUGH and len(draws.points) < _MOST:
-            draws = draws.joined(self._drawn(proposal, len(draws.points), -1 - number, near, len(draws.points)))
-        return draws
+    def log_weights(self, draws: Draws) -> Floats:
+        return averaged_draws(draws).log_weights
 
-    def found(self, points: Floats, near: MembraneDraws | None = None) -> Found:
+    def refitted(self, draws: Draws, first: int) -> Proposal:
+        return fitted(draws.points, self.log_weights(draws), len(draws.points))
+
+    def result(self, draws: Draws, proposal: Proposal) -> Sampled:
+        log_weights, evidence = averaged_draws(draws)
+        weights = normalised(log_weights)
+        error = float(np.sqrt(max(1.0 / effective(weights) - 1.0 / len(weights), 0.0)))
+        gates = weight_gates(log_weights, smoothed(log_weights)[1], _LEAST_EFFECTIVE)
+        return Sampled(draws, log_weights, evidence, error, gates)
+
+    def _certain(self) -> Draws:
+        """Return the only draw where nothing is unknown."""
+        return self.weighted(np.zeros((1, 0)), np.zeros(1))
+
+    def found(self, points: Floats, near: Draws | None = None) -> Found:
         """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""
         start = None if near is None else _nearest(near, points)
         tasks = []
@@ -402,19 +399,18 @@ class MembraneSampling:
         size = max(_AT_ONCE // len(self.capsules.batch), 1)
         yield from (slice(first, first + size) for first in range(0, count, size))
 
-    def _first(self) -> MembraneDraws:
+    def _first(self) -> Draws:
         """Return draws over the prior and about the modes."""
         unknowns = self.unknowns
         best = starting_points(self.capsules, unknowns)
         found = self._distinct(modes(self.capsules, unknowns, best) if unknowns.scores else [])
-        count, d = _OF_MODE, unknowns.dimensions
+        count, d = _OF_MODE, self.dimensions
         parts = [unknowns.wide(quasi_random(d, _CLOUD, 1))]
         parts += [_about(one, count, 2 + number) for number, one in enumerate(found)]
         points = np.concatenate(parts)
         logs = [np.log(_CLOUD / len(points)) + unknowns.log_wide(points)]
         logs += [np.log(count / len(points)) + _log_about(one, points) for one in found]
-        there = self.found(points)
-        return MembraneDraws(points, there.log_density - logsumexp(logs, axis=0), there)
+        return self.weighted(points, logsumexp(logs, axis=0))
 
     def _distinct(self, found: list[Mode]) -> list[Mode]:
         """Return the modes that are likely and not the same."""
@@ -429,10 +425,10 @@ class MembraneSampling:
                 kept.append(one)
         return kept
 
-    def _drawn(self, proposal: Proposal, count: int, seed: int, near: MembraneDraws, after: int = 0) -> MembraneDraws:
-        points = proposal.drawn(quasi_random(self.unknowns.dimensions + 2, count, seed, after))
-        found = self.found(points, near)
-        return MembraneDraws(points, found.log_density - proposal.log_density(points), found)
+
+def _with_gate_on_borders(sampled: Sampled) -> Sampled:
+    share = float(normalised(sampled.log_weights) @ sampled.draws.found.settled)
+    return sampled._replace(gates=(Gate(WITHIN, share, least=_LEAST_WITHIN), *sampled.gates))
 
 
 def _found(points: Floats, start: Start | None, capsules: Capsules, unknowns: Unknowns) -> Found:
@@ -456,40 +452,21 @@ def _log_about(mode: Mode, points: Floats) -> Floats:
     return np.asarray(stats.multivariate_t(mode.point, _WIDER**2 * mode.covariance, df=_FREEDOM).logpdf(points))
 
 
-def _nearest(draws: MembraneDraws, points: Floats) -> Start:
+def _nearest(draws: Draws, points: Floats) -> Start:
     """Return the capsules as at the nearest of some draws, carried on as they change over the draws."""
     # Distances are measured by the spread of the draws.
-    possible = np.isfinite(draws.found.log_density)
+    possible = np.isfinite(draws.log_density)
     known, found = draws.points[possible], draws.found
     spread = np.std(known, axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     nearest = np.argmin(cdist(points / spread, known / spread), axis=1)
     values = np.concatenate([found.own[possible].reshape(len(known), -1), found.common[possible]], axis=1)
-    likely = tempered(draws.wide, _ALIVE * len(draws.points))[possible]
+    likely = tempered(wide_weights(draws), _ALIVE * len(draws.points))[possible]
     away, change = known - likely @ known, values - likely @ values
     slope = np.linalg.lstsq(np.sqrt(likely)[:, None] * away, np.sqrt(likely)[:, None] * change, rcond=_SINGULAR)[0]
     carried = values[nearest] + (points - known[nearest]) @ slope
     own, common = np.split(carried, [carried.shape[1] - found.common.shape[1]], axis=1)
     return Start(own.reshape(len(points), *found.own.shape[1:]), common)
-
-
-def _fitted(points: Floats, log_weights: Floats) -> Proposal:
-    return Proposal.fitted(points, tempered(log_weights, _ALIVE * len(points)))
-
-
-def _result(draws: MembraneDraws, *, certain: bool = False) -> Sampled:
-    """Return the result; `certain` if nothing had to be sampled."""
-    log_weights, evidence = draws.averaged
-    weights = normalised(log_weights)
-    count = effective(weights)
-    gates = [Gate(WITHIN, float(weights @ draws.found.settled), least=_LEAST_WITHIN)]
-    if not certain:
-        gates += [
-            Gate("effective draws", count, least=_LEAST_EFFECTIVE),
-            Gate("Pareto k of the weights", pareto_shape(log_weights), most=_MOST_PARETO),
-        ]
-    error = float(np.sqrt(max(1.0 / count - 1.0 / len(weights), 0.0)))
-    return Sampled(draws, log_weights, evidence, error, tuple(gates))
 
 
 # The membrane of a batch: its posterior, the capsules, and the odds of known laws
@@ -837,9 +814,8 @@ def capsules_of(
 ) -> Capsules:
     """Return the capsules of a batch, to be found at given membranes; the model's own error is not yet in theirs."""
     batch = batch_of(measurements, experiment, model, scale_error=scale_error)
-    numbers = Lengths if measurements[0].outline is None else Outlines
-    viscosity = float(np.log(experiment.viscosity.value))
-    return Capsules(batch, numbers(model, experiment.half_width.value), viscosity)
+    shapes = ShapeModel(model, experiment.half_width.value, outline=measurements[0].outline is not None)
+    return Capsules(batch, shapes, float(np.log(experiment.viscosity.value)))
 
 
 def unknowns_of(

@@ -16,7 +16,7 @@ from capsbayes.arguments import checked
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, bending, imposed_velocity
-from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Lengths, Start, Unknowns, key_of
+from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, ShapeModel, Start, Unknowns, key_of
 from capsbayes.infer.prior import THICKNESS, Membrane, Prior
 from capsbayes.infer.shared_membrane import ONE_CAPSULE, capsules_of, step_of_all, unknowns_of
 from capsbayes.membrane_database import lowest_ca
@@ -154,7 +154,7 @@ class PlannedBatch:
         own = (middle[:, None] + np.array([-spreads[0], spreads[1]]) * lattice).reshape(-1, 2)
         flow = np.repeat(np.arange(len(velocities)), len(lattice))
         known = Unknowns(unknowns.coordinates, unknowns.known, spreads)
-        theta = Lengths(model, experiment.half_width.value).theta(known.membranes(scores[None]), own[None])
+        theta = ShapeModel(model, experiment.half_width.value).theta(known.membranes(scores[None]), own[None])
         shapes = model(theta, outline=errors.outline is not None)
         rows = np.flatnonzero(shapes.inside)
         if not len(rows):

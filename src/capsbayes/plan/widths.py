@@ -15,8 +15,8 @@ from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Start, 
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.proposal import normalised, quasi_random, rows_by_weight
-from capsbayes.infer.shared_membrane import MembraneDraws, MembraneSampling, Mode, drawn_log_moduli
+from capsbayes.infer.proposal import Draws, normalised, quasi_random, rows_by_weight
+from capsbayes.infer.shared_membrane import MembraneSampling, Mode, averaged_draws, drawn_log_moduli
 from capsbayes.infer.verdict import leaning
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
@@ -233,7 +233,7 @@ class ExpectedMembrane:
         # of each unknown parameter, of the logarithm of `LOGARITHMIC`.
         mode = Mode(self.scores, self.covariance[COMMON:, COMMON:])
         draws = MembraneSampling(self.capsules, self.unknowns).about(mode, self.values)
-        weights = normalised(draws.averaged.log_weights)
+        weights = normalised(averaged_draws(draws).log_weights)
         common, given = draws.found.common, self.given_membrane
         shown = shown_parameters(self.unknowns, draws.points)
         columns = np.column_stack([common[:, MODULUS], common[:, SIZE], *shown.values()])
@@ -243,7 +243,7 @@ class ExpectedMembrane:
         sds["capsule_radius"] /= float(self.values.common[0, SIZE])
         return {EACH: self._sd_of_each(draws, weights), **sds}
 
-    def _sd_of_each(self, draws: MembraneDraws, weights: Floats) -> float:
+    def _sd_of_each(self, draws: Draws, weights: Floats) -> float:
         """Return the standard deviation of ln G_s of a capsule, root mean square over the capsules."""
         rng = np.random.default_rng(0)
         rows = rows_by_weight(weights, rng, _DRAWN)

@@ -47,10 +47,6 @@ def dense(strong, capsule):
     return DenseMembrane(strong, capsule)
 
 
-def test_a_model_with_several_coordinates_has_this_engine(membrane, experiment):
-    assert isinstance(exact_engine(membrane, experiment), ImportanceSampling)
-
-
 def test_the_shape_is_that_of_a_dense_quadrature(posterior, dense):
     assert all(gate.passed for gate in posterior.gates), [str(gate) for gate in posterior.gates]
     for name, values in (("size_ratio", np.log(dense.size)), ("velocity_ratio", np.log(dense.ratio))):

@@ -22,8 +22,6 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment
 from capsbayes.image import ByHand
 from capsbayes.infer import Quadrature, identify
-from capsbayes.infer import batch as listing
-from capsbayes.infer import batch as tasks
 from capsbayes.infer.batch import CheckTask, Run, compared, cross_section_and_view, identify_folder
 from capsbayes.infer.population import Population
 from capsbayes.infer.posterior import REPORTED
@@ -35,7 +33,7 @@ from capsbayes.run import Store
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate
 
-identify_folder_module = import_module("capsbayes.infer.batch")  # whose function has its name
+batch = import_module("capsbayes.infer.batch")
 
 MODEL = PolynomialModel()
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.2e-6), viscosity=Quantity(0.85, 0.02))
@@ -71,6 +69,20 @@ def write_table(path, count=12):
     return frame
 
 
+def batch_of(folder, source="t.csv", out="r.nc", model=MODEL, experiment=EXPERIMENT, **how):
+    """Identify a table or a folder next to the output, or a frame."""
+    given = folder / source if isinstance(source, str) else source
+    return identify_folder(given, model, experiment, out=folder / out, **HERE | how)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder for measurements, with their experiment."""
+    (tmp_path / "run").mkdir()
+    EXPERIMENT.write(tmp_path / "run" / "experiment.toml")
+    return tmp_path / "run"
+
+
 def same(one, other):
     """Whether two populations have the same rows, to the last bit."""
     return all(np.array_equal(one[name], other[name], equal_nan=one[name].dtype.kind == "f") for name in one.dataset)
@@ -85,11 +97,13 @@ def test_every_row_of_a_table_has_a_result_or_a_reason(tmp_path):
     frame["status"] = "DONE"
     frame.loc[5, "status"] = "DOUBLET"
     frame.to_csv(tmp_path / "t.csv", index=False)
-    found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    found = batch_of(tmp_path)
     status, reason = found["status"], found["reason"]
     assert len(found) == len(frame)
     assert (status[1], reason[1]) == ("UNUSABLE", "axial_extent_over_l: expected a number, got 'n/k'")
     assert status[2] == "NO_SHAPE"
+    assert "standard errors away" in reason[2]
+    assert found["distance"][0] < 3.0 < 5.0 < found["distance"][2]
     assert reason[3].startswith(
         "capsule_velocity_error: expected a standard error below 25% of the velocity, got 0.004"
     )
@@ -108,16 +122,16 @@ def test_every_row_of_a_table_has_a_result_or_a_reason(tmp_path):
 def test_a_frame_is_identified_like_its_file(tmp_path):
     frame = write_table(tmp_path / "t.csv", 4).astype(object)
     frame.loc[1, "axial_extent_over_l"] = 53.5
-    found = identify_folder(frame, MODEL, EXPERIMENT, out=tmp_path / "frame.nc", **HERE)
+    found = batch_of(tmp_path, frame, "frame.nc")
     frame.to_csv(tmp_path / "t.csv", index=False)
-    wanted = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "file.nc", **HERE)
+    wanted = batch_of(tmp_path, "t.csv", "file.nc")
     assert found["reason"][1] == "axial_extent: expected a value from 0.01 to 20 l, got 53.5"
     assert set(found["source"]) == {"table"}
     for name in ("surface_shear_modulus_median", "status", "reason", "axial_extent", "name"):
         np.testing.assert_array_equal(found[name], wanted[name])
     assert not (tmp_path / "frame.nc.parts").exists()
     with pytest.raises(InputError, match="table: experiment: expected the experiment of the capsules"):
-        identify_folder(frame, MODEL, out=tmp_path / "none.nc", **HERE)
+        batch_of(tmp_path, frame, experiment=None)
 
 
 STATISTICS = ("mean", "sd", "median", "lower_68", "upper_68", "lower_95", "upper_95")
@@ -155,7 +169,7 @@ def test_every_row_over_the_plane_is_that_of_identify(tmp_path, name):
             "surface_shear_modulus_prior": np.where(number % 11 == 1, "50 +/- 20 mN/m", ""),
         }
     )
-    found = identify_folder(frame, model, own, out=tmp_path / "r.nc", **HERE)
+    found = batch_of(tmp_path, frame, model=model, experiment=own)
     read = MeasuredLengths.of_frame(frame)
     identified = np.flatnonzero(np.isfinite(found["surface_shear_modulus_median"])).tolist()
     assert len(identified) > 0.8 * count
@@ -183,7 +197,7 @@ def test_the_likelihood_of_a_row_has_the_moments_of_the_posterior_under_flat_pri
     frame = write_table(tmp_path / "t.csv", 2)
     frame.loc[1, ["axial_length_over_l", "axial_length_error_over_l"]] = np.nan
     uneven = Prior(Quantity.uniform(1e-3, 1.0), Quantity.uniform(1e-6, 1e-3))
-    found = identify_folder(frame, MODEL, known, out=tmp_path / "r.nc", prior=uneven, **HERE)
+    found = batch_of(tmp_path, frame, experiment=known, prior=uneven)
     for row, components in enumerate(found["likelihood"].astype(float)):
         posterior = Quadrature(MODEL, known, flat)(MeasuredLengths.of_frame(frame).measurement(row))
         draws = posterior.drawn(np.random.default_rng(2), 40_000)
@@ -198,46 +212,36 @@ def test_the_likelihood_of_a_row_has_the_moments_of_the_posterior_under_flat_pri
             assert of_mixture == pytest.approx(covariance[i, j], rel=0.03)
 
 
-def test_lengths_that_no_shape_has_give_the_distance_from_the_nearest(tmp_path):
-    frame = write_table(tmp_path / "t.csv", 2)
-    frame.loc[1, "axial_length_over_l"] = 1.2
-    found = identify_folder(frame, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
-    assert found["status"][1] == "NO_SHAPE"
-    assert "standard errors away" in found["reason"][1]
-    assert found["distance"][0] < 3.0 < 5.0 < found["distance"][1]
-
-
 def test_a_parquet_table_and_a_netcdf_of_lengths_are_tables_too(tmp_path):
     frame = write_table(tmp_path / "t.csv", 3)
-    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "a.nc", **HERE)
+    whole = batch_of(tmp_path, "t.csv", "a.nc")
     names = {name: name.removesuffix("_over_l").replace("_mm_per_s", "") for name in frame}
     scales = {name: 1e-3 if name.endswith("mm_per_s") else 1.0 for name in frame if name != "name"}
     columns = {names[name]: ("capsule", frame[name] * scale) for name, scale in scales.items()}
     xr.Dataset(columns).to_netcdf(tmp_path / "t.nc", engine="h5netcdf")
-    found = identify_folder(tmp_path / "t.nc", MODEL, EXPERIMENT, out=tmp_path / "b.nc", **HERE)
+    found = batch_of(tmp_path, "t.nc", "b.nc")
     assert found["capsule_radius_median"] == pytest.approx(whole["capsule_radius_median"], rel=1e-9)
     pytest.importorskip("pyarrow")
     frame.to_parquet(tmp_path / "t.parquet")
-    found = identify_folder(tmp_path / "t.parquet", MODEL, EXPERIMENT, out=tmp_path / "c.nc", **HERE)
+    found = batch_of(tmp_path, "t.parquet", "c.nc")
     assert np.array_equal(found["capsule_radius_median"], whole["capsule_radius_median"])
 
 
 @pytest.mark.slow
 def test_order_of_the_rows_and_number_of_workers_change_no_digit(tmp_path, monkeypatch):
     frame = write_table(tmp_path / "t.csv")
-    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "a.nc", **HERE)
-    monkeypatch.setattr(listing, "ROWS", 5)
-    two = HERE | {"scheduler": None, "workers": 2}
-    assert same(whole, identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "b.nc", **two))
+    whole = batch_of(tmp_path, "t.csv", "a.nc")
+    monkeypatch.setattr(batch, "ROWS", 5)
+    assert same(whole, batch_of(tmp_path, out="b.nc", scheduler=None, workers=2))
     frame[::-1].to_csv(tmp_path / "u.csv", index=False)
-    backward = identify_folder(tmp_path / "u.csv", MODEL, EXPERIMENT, out=tmp_path / "c.nc", **HERE)
+    backward = batch_of(tmp_path, "u.csv", "c.nc")
     forward = backward.dataset.isel(capsule=slice(None, None, -1)).drop_vars(["source", "sha256"])
     assert same(Population(forward), Population(whole.dataset.drop_vars(["source", "sha256"])))
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
     write_table(tmp_path / "t.csv", 300)
-    whole = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
+    whole = batch_of(tmp_path, "t.csv", "whole.nc")
     out, parts = tmp_path / "r.nc", tmp_path / "r.nc.parts"
     with python("-c", SCRIPT, tmp_path / "t.csv", out, Path(__file__).parent) as run:
         wait_until(lambda: list(parts.glob("rows-*.part")), run)
@@ -255,9 +259,9 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
         save(store, name, values)
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(listing, "ROWS", 3)
+        patched.setattr(batch, "ROWS", 3)
         patched.setattr(Store, "save", noted)
-        found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=out, **HERE)
+        found = batch_of(tmp_path)
     assert same(found, whole)
     assert kept[0] in computed
     assert not any(file in computed for file in list(stamps)[1:])
@@ -269,9 +273,9 @@ def test_a_slow_part_goes_on_at_the_row_where_it_was_stopped(tmp_path, monkeypat
     seen = [Measurement(2.14 + 0.01 * k, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01) for k in (0, 1)]
     edge = MeasuredOutline(MODEL(PLACE, outline=True).outline[0], OutlineNoise(0.01, 0.2, 0.25))
     write_set(tmp_path / "o.nc", [replace(each, outline=edge) for each in (*seen, seen[0])], EXPERIMENT)
-    whole = identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "whole.nc", **HERE)
-    monkeypatch.setattr(tasks, "_LONGEST_UNKEPT", -1.0)
-    fill, filled = tasks.fill_exactly, []
+    whole = batch_of(tmp_path, "o.nc", "whole.nc")
+    monkeypatch.setattr(batch, "_LONGEST_UNKEPT", -1.0)
+    fill, filled = batch.fill_exactly, []
 
     def stopped(rows, row, *how):
         if len(filled) == 2:
@@ -280,23 +284,20 @@ def test_a_slow_part_goes_on_at_the_row_where_it_was_stopped(tmp_path, monkeypat
         filled.append(row)
         fill(rows, row, *how)
 
-    monkeypatch.setattr(tasks, "fill_exactly", stopped)
+    monkeypatch.setattr(batch, "fill_exactly", stopped)
     with pytest.raises(KeyboardInterrupt) as interrupted:
-        identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+        batch_of(tmp_path, "o.nc")
     assert interrupted.value.__notes__ == [f"finished work is kept in {tmp_path / 'r.nc.parts'}"]
-    assert same(whole, identify_folder(tmp_path / "o.nc", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE))
+    assert same(whole, batch_of(tmp_path, "o.nc"))
     assert filled == [0, 1, None, 2]
 
 
 @pytest.mark.parametrize("edited", ["capsule", "experiment", "outline"])
-def test_an_edited_file_of_the_same_size_and_time_is_computed_again(tmp_path, edited):
-    folder = tmp_path / "run"
-    folder.mkdir()
-    EXPERIMENT.write(folder / "experiment.toml")
+def test_an_edited_file_of_the_same_size_and_time_is_computed_again(tmp_path, folder, edited):
     edge = MeasuredOutline(MODEL(PLACE, outline=True).outline[0], OutlineNoise(0.01, 0.2, 0.25))
     how = {"axial_length": 1.81, "axial_length_error": 0.01, "experiment_file": folder / "experiment.toml"}
     Measurement(2.14, 0.01, 5e-3, 5e-5, outline=edge, **how).write(folder / "capsule.toml")
-    before = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    before = batch_of(tmp_path, "run", experiment=None)
     old, new = {"capsule": ("2.14", "2.16"), "experiment": ("0.85", "0.75"), "outline": ("1.", "1.0")}[edited]
     file = next(file for file in folder.iterdir() if edited in file.name)
     stamps, text = file.stat(), file.read_text()
@@ -309,23 +310,24 @@ def test_an_edited_file_of_the_same_size_and_time_is_computed_again(tmp_path, ed
     os.utime(file, ns=(stamps.st_atime_ns, stamps.st_mtime_ns))
     assert file.stat().st_size == stamps.st_size
     assert file.stat().st_mtime_ns == stamps.st_mtime_ns
-    after = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    after = batch_of(tmp_path, "run", experiment=None)
     assert before["surface_shear_modulus_median"] != after["surface_shear_modulus_median"]
 
 
 def test_rows_that_stay_are_kept_when_a_table_is_edited_and_name_the_table_as_it_is(tmp_path, monkeypatch):
     frame = write_table(tmp_path / "t.csv", 6)
-    monkeypatch.setattr(listing, "ROWS", 3)
+    monkeypatch.setattr(batch, "ROWS", 3)
     with monkeypatch.context() as patched:
         patched.setattr(Population, "write", lambda self, path: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+            batch_of(tmp_path)
     stamps = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("rows-*.part")}
     frame.loc[5, "axial_extent_over_l"] += 0.01
+    frame.loc[5, "name"] = "a much longer name"
     frame.to_csv(tmp_path / "t.csv", index=False)
     removed = []
-    monkeypatch.setattr(identify_folder_module.shutil, "rmtree", removed.append)
-    found = identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    monkeypatch.setattr(batch.shutil, "rmtree", removed.append)
+    found = batch_of(tmp_path)
     assert removed == [tmp_path / "r.nc.parts"]
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in stamps.items())
     assert len(list((tmp_path / "r.nc.parts").glob("rows-*.part"))) == 3
@@ -345,7 +347,7 @@ def test_every_digit_of_the_settings_counts(changed):
 
 def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
     write_table(tmp_path / "t.csv", 6)
-    monkeypatch.setattr(listing, "ROWS", 3)
+    monkeypatch.setattr(batch, "ROWS", 3)
     save, written = Store.save, []
 
     def full(store, name, values):
@@ -357,9 +359,9 @@ def test_a_full_disk_is_said_and_loses_nothing(tmp_path, monkeypatch):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Store, "save", full)
         with pytest.raises(InputError, match=r"room on the disk.*start again: what is finished is kept"):
-            identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+            batch_of(tmp_path)
     assert written[0].exists()
-    assert len(identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)) == 6
+    assert len(batch_of(tmp_path)) == 6
 
 
 def test_tasks_of_killed_workers_are_tried_again(tmp_path, monkeypatch):
@@ -370,33 +372,29 @@ def test_tasks_of_killed_workers_are_tried_again(tmp_path, monkeypatch):
         attempts.append(len(tasks))
         raise BrokenProcessPool("a process in the pool was terminated abruptly")
 
-    once = identify_folder_module.run_tasks
-    monkeypatch.setattr(identify_folder_module, "run_tasks", lambda *how: once(*how) if attempts else killed(*how))
-    assert len(identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)) == 2
-    monkeypatch.setattr(identify_folder_module, "run_tasks", killed)
+    once = batch.run_tasks
+    monkeypatch.setattr(batch, "run_tasks", lambda *how: once(*how) if attempts else killed(*how))
+    assert len(batch_of(tmp_path)) == 2
+    monkeypatch.setattr(batch, "run_tasks", killed)
     attempts.clear()
     with pytest.raises(InputError, match=r"one killed at each attempt; give it more memory"):
-        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
+        batch_of(tmp_path, "t.csv", "s.nc")
     assert attempts == [1, 1, 1]
 
 
 @pytest.mark.slow
-def test_pictures_are_measured_and_identified(tmp_path):
-    folder = tmp_path / "run"
-    folder.mkdir()
+def test_pictures_are_measured_and_identified(tmp_path, folder):
     made = drawn(0.06, 0.9)
     cv2.imwrite(str(folder / "a.png"), made.picture)
     cv2.imwrite(str(folder / "empty.png"), made.background)
     model = Surrogate.open("square-neo-hookean", view="silhouette")
-    found = identify_folder(
-        folder, model, EXPERIMENT, out=tmp_path / "r.nc", shared_velocity=Quantity(5e-3, 5e-5, "m/s"), **HERE
-    )
+    found = batch_of(tmp_path, "run", model=model, shared_velocity=Quantity(5e-3, 5e-5, "m/s"))
     assert found["name"].tolist() == ["a", "empty"]
     assert Status[found["status"][0]].ok
     assert found["status"][1] in ("NO_WALLS", "NO_CAPSULE")
     assert found["surface_shear_modulus_median"][0] > 0.0
     assert cross_section_and_view(folder, EXPERIMENT) == ("square", "silhouette")
-    bare = identify_folder(folder, model, EXPERIMENT, out=tmp_path / "s.nc", **HERE)
+    bare = batch_of(tmp_path, "run", "s.nc", model=model)
     assert "capsule_velocity: expected what a picture does not show" in bare["reason"][0]
 
 
@@ -406,10 +404,10 @@ def test_walls_that_are_stated_hold_for_all_pictures_of_a_folder(tmp_path):
     speed = Quantity(5e-3, 5e-5, "m/s")
     run = Run(MODEL, EXPERIMENT, Prior(), 1, speed)
     stated = replace(run, by_hand=ByHand(walls="44.5, 154.5"))
-    measured = tasks.measured_file(tmp_path / "a.png", stated)
+    measured = batch.measured_file(tmp_path / "a.png", stated)
     assert measured.walls == "walls by hand at rows 44.5, 154.5 px, each +/- 1 px"
     assert measured.axial_extent == pytest.approx(made.axial_extent / 55.0, rel=0.02)
-    assert tasks.measured_file(tmp_path / "a.png", run).walls == ""
+    assert batch.measured_file(tmp_path / "a.png", run).walls == ""
     assert stated.fingerprint != run.fingerprint
 
 
@@ -422,7 +420,7 @@ def test_a_film_among_the_files_of_a_folder_is_measured_first(tmp_path, name):
         cv2.imwritemulti(str(folder / name), [np.full((64, 64), 90, dtype=np.uint8)] * 3)
     else:
         (folder / name).write_bytes(b"RIFF")
-    for read in (listing.capsule_files, read_set):
+    for read in (batch.capsule_files, read_set):
         with pytest.raises(
             InputError, match=r"its capsules measured before, in the folder .*day, got none; run"
         ) as error:
@@ -433,7 +431,7 @@ def test_a_film_among_the_files_of_a_folder_is_measured_first(tmp_path, name):
     (folder / "day" / "capsule-1").mkdir(parents=True)
     seen.write(folder / "day" / "capsule-1" / "measurement.toml")
     (folder / "day" / ("events.csv" if name.endswith("rtdc") else "capsules.csv")).write_text("capsule\n")
-    assert listing.capsule_files(folder) == [folder / "day" / "capsule-1" / "measurement.toml"]
+    assert batch.capsule_files(folder) == [folder / "day" / "capsule-1" / "measurement.toml"]
     assert len(read_set(folder).measurements) == 1
 
 
@@ -444,62 +442,54 @@ def test_capsules_of_several_films_are_named_by_film_and_capsule(tmp_path):
         place.mkdir(parents=True)
         seen = Measurement(2.14, 0.01, 5e-3, 5e-5, experiment_file=tmp_path / "experiment.toml")
         seen.write(place / "measurement.toml")
-    rows = identify_folder(tmp_path / "films", MODEL, out=tmp_path / "r.nc", **HERE)
+    rows = batch_of(tmp_path, "films", experiment=None)
     assert rows["name"].tolist() == ["first/capsule-1", "second/capsule-1"]
-    alone = identify_folder(tmp_path / "films" / "first", MODEL, out=tmp_path / "one.nc", **HERE)
+    alone = batch_of(tmp_path, "films/first", "one.nc", experiment=None)
     assert alone["name"].tolist() == ["capsule-1"]
 
 
-def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_path):
-    folder = tmp_path / "run"
-    folder.mkdir()
-    EXPERIMENT.write(folder / "experiment.toml")
+def test_a_folder_goes_on_with_new_files_and_refuses_the_damaged_by_name(tmp_path, folder):
     named = {"experiment_file": folder / "experiment.toml"}
     for k in range(3):
         one = Measurement(2.14 + 0.01 * k, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01, **named)
         one.write(folder / f"capsule-{k}.toml")
     (folder / "torn.toml").write_text("[measurement]\naxial_extent =")
-    first = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    first = batch_of(tmp_path, "run", experiment=None)
     assert first["status"].tolist() == ["DONE"] * 3 + ["UNUSABLE"]
     assert "torn.toml: expected a TOML file" in first["reason"][3]
     assert len(first["sha256"][0]) == 64
     kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "r.nc.parts").glob("file-*.part")}
     Measurement(2.2, 0.01, 5e-3, 5e-5, **named).write(folder / "capsule-9.toml")
-    second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    second = batch_of(tmp_path, "run", experiment=None)
     assert second["name"].tolist() == ["capsule-0", "capsule-1", "capsule-2", "capsule-9", "torn"]
     assert all(file.stat().st_mtime_ns == stamp for file, stamp in kept.items())
 
 
-def test_a_change_of_the_experiment_that_files_name_is_a_change_of_their_rows(tmp_path):
-    folder = tmp_path / "run"
-    folder.mkdir()
-    EXPERIMENT.write(folder / "experiment.toml")
+def test_a_change_of_the_experiment_that_files_name_is_a_change_of_their_rows(tmp_path, folder):
     twice = Experiment(cross_section="square", half_width=25e-6, viscosity=1.7)
     how = {"axial_length": 1.81, "axial_length_error": 0.01}
     for name in "ab":
         Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "experiment.toml").write(
             folder / f"{name}.toml"
         )
-    first = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    first = batch_of(tmp_path, "run", experiment=None)
     assert first.attributes["experiment"]["viscosity"]["value"] == pytest.approx(0.85)
     twice.write(folder / "experiment.toml")
-    second = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    second = batch_of(tmp_path, "run", experiment=None)
     both = [one["surface_shear_modulus_median"] for one in (first, second)]
     assert both[1] == pytest.approx(2.0 * both[0], rel=0.01)
     # under two experiments there is none for all, and each counts for its own capsule
     EXPERIMENT.write(folder / "other.toml")
     Measurement(2.14, 0.01, 5e-3, 5e-5, **how, experiment_file=folder / "other.toml").write(folder / "b.toml")
-    third = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    third = batch_of(tmp_path, "run", experiment=None)
     assert third.attributes["experiment"] == {}
     assert third["surface_shear_modulus_median"] == pytest.approx([both[1][0], both[0][1]], rel=0.01)
     EXPERIMENT.write(folder / "experiment.toml")
-    fourth = identify_folder(folder, MODEL, out=tmp_path / "r.nc", **HERE)
+    fourth = batch_of(tmp_path, "run", experiment=None)
     assert fourth["surface_shear_modulus_median"] == pytest.approx(both[0], rel=0.01)
 
 
-def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path):
-    folder = tmp_path / "run"
-    folder.mkdir()
+def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path, folder):
     extent, length, error = 2.14 * 25e-6, 1.81 * 25e-6, 0.01 * 25e-6
     metres = Measurement(
         extent, error, 5e-3, 5e-5, axial_length=length, axial_length_error=error, over_half_width=False
@@ -511,7 +501,7 @@ def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path):
     Measurement(2.14, 0.01, 5e-3, 5e-5, axial_length=1.81, axial_length_error=0.01, outline=edge).write(
         folder / "b.toml"
     )
-    found = identify_folder(folder, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    found = batch_of(tmp_path, "run", "r.nc")
     assert found["engine"].tolist() == ["grid", "grid"]
     assert found["capillary_number_median"] == pytest.approx(0.082, rel=0.1)
     weights = found["likelihood"][:, :, 0]
@@ -521,10 +511,7 @@ def test_lengths_in_metres_and_outlines_are_rows_too(tmp_path):
 @pytest.mark.slow
 def test_some_capsules_are_sampled_and_agree_and_chains_are_kept_on_request(tmp_path):
     write_table(tmp_path / "t.csv", 4)
-    how = HERE | {"check": 0.5}
-    found = identify_folder(
-        tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", chains=tmp_path / "chains", **how
-    )
+    found = batch_of(tmp_path, chains=tmp_path / "chains", check=0.5)
     agreement = found.attributes["agreement"]
     assert agreement["capsules"] == agreement["agreeing"] == 2
     assert max(agreement[name] for name in ("median", "ends_68", "ends_95")) < 0.1
@@ -533,13 +520,13 @@ def test_some_capsules_are_sampled_and_agree_and_chains_are_kept_on_request(tmp_
     frame = write_table(tmp_path / "t.csv", 4)
     frame.loc[3, "axial_extent_over_l"] += 0.01
     frame.to_csv(tmp_path / "t.csv", index=False)
-    identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", chains=tmp_path / "chains", **HERE)
+    batch_of(tmp_path, chains=tmp_path / "chains")
     assert [file.name for file, stamp in stamps.items() if file.stat().st_mtime_ns != stamp] == ["000004-c3.nc"]
 
 
 def test_a_check_compares_the_ends_with_emcee_and_can_fail(tmp_path):
     frame = write_table(tmp_path / "t.csv", 1)
-    rows = identify_folder(frame, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    rows = batch_of(tmp_path, frame, "r.nc")
     names = [f"{name}_{statistic}" for name in REPORTED for statistic in STATISTICS]
     right = np.array([rows[name][0] for name in names]).reshape(len(REPORTED), -1)
     wrong, wider = right.copy(), right.copy()
@@ -559,44 +546,36 @@ def test_a_check_compares_the_ends_with_emcee_and_can_fail(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
-    [("nothing", "nothing there"), ("t.ods", "ends in .ods"), ("empty.csv", "expected"), ("t.nc", "a NetCDF file")],
+    ("source", "how", "words"),
+    [
+        ("nothing", {}, "nothing there"),
+        ("t.ods", {}, "ends in .ods"),
+        ("empty.csv", {}, "expected"),
+        ("torn.nc", {}, "a NetCDF file"),
+        ("folder", {}, "a folder without any"),
+        ("t.csv", {"experiment": None}, "--experiment"),
+        ("t.csv", {"background": "empty.png"}, r"empty\.png: expected a picture of the empty channel"),
+        (
+            "t.csv",
+            {"prior": Prior(coordinates={"pre_inflaton": "0 .. 0.1"})},
+            "prior: pre_inflaton: expected a coordinate",
+        ),
+    ],
 )
-def test_what_cannot_be_read_is_one_clear_line(tmp_path, name, words):
-    if name != "nothing":
+def test_what_cannot_be_used_is_one_clear_line(tmp_path, source, how, words):
+    write_table(tmp_path / "t.csv", 2)
+    (tmp_path / "folder").mkdir()
+    for name in ("t.ods", "empty.csv", "torn.nc"):
         (tmp_path / name).write_text("")
-    with pytest.raises(InputError, match=words):
-        identify_folder(tmp_path / name, MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
+    with pytest.raises(InputError, match=words) as caught:
+        batch_of(tmp_path, source, **how)
+    assert "\n" not in str(caught.value)
     assert not (tmp_path / "r.nc.parts").exists()
-
-
-def test_a_prior_of_an_unknown_coordinate_is_refused(tmp_path):
-    write_table(tmp_path / "t.csv", 2)
-    prior = Prior(coordinates={"pre_inflaton": "0 .. 0.1"})
-    with pytest.raises(InputError, match="prior: pre_inflaton: expected a coordinate of"):
-        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE, prior=prior)
-
-
-def test_a_background_that_is_not_there_is_one_clear_line(tmp_path):
-    write_table(tmp_path / "t.csv", 2)
-    how = HERE | {"background": tmp_path / "empty.png"}
-    with pytest.raises(InputError, match=r"empty\.png: expected a picture of the empty channel"):
-        identify_folder(tmp_path / "t.csv", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **how)
-    assert not (tmp_path / "r.nc.parts").exists()
-
-
-def test_an_empty_folder_and_a_table_without_experiment_are_refused(tmp_path):
-    (tmp_path / "run").mkdir()
-    with pytest.raises(InputError, match="a folder without any"):
-        identify_folder(tmp_path / "run", MODEL, EXPERIMENT, out=tmp_path / "r.nc", **HERE)
-    write_table(tmp_path / "t.csv", 2)
-    with pytest.raises(InputError, match="--experiment"):
-        identify_folder(tmp_path / "t.csv", MODEL, out=tmp_path / "r.nc", **HERE)
 
 
 def test_the_folder_of_the_result_is_made(tmp_path):
     write_table(tmp_path / "batch.csv", 3)
-    identify_folder(tmp_path / "batch.csv", MODEL, EXPERIMENT, out=tmp_path / "new" / "run.nc", **HERE)
+    batch_of(tmp_path, "batch.csv", "new/run.nc")
     assert sorted(file.name for file in (tmp_path / "new").iterdir() if file.suffix) == [
         ".capsbayes.sha256",
         "run.csv",
@@ -609,22 +588,6 @@ def test_an_error_of_the_program_is_not_taken_for_one_of_the_disk(tmp_path, monk
         raise np.linalg.LinAlgError("Singular matrix")
 
     write_table(tmp_path / "batch.csv", 3)
-    monkeypatch.setattr(identify_folder_module, "listed", broken)
+    monkeypatch.setattr(batch, "listed", broken)
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        identify_folder(tmp_path / "batch.csv", MODEL, EXPERIMENT, out=tmp_path / "run.nc", **HERE)
-
-
-def test_a_part_is_named_by_its_own_rows_alone(tmp_path):
-    write_table(tmp_path / "batch.csv", 4)
-    frame = pd.read_csv(tmp_path / "batch.csv")
-
-    def first_part():
-        return tasks.TableTask(
-            Store(tmp_path / "parts", "settings"), MeasuredLengths.of_frame(frame).taken(slice(2))
-        ).name
-
-    before = first_part()
-    frame.loc[3, "name"] = "a much longer name"
-    assert first_part() == before
-    frame.loc[1, "name"] = "other"
-    assert first_part() != before
+        batch_of(tmp_path, "batch.csv", "run.nc")

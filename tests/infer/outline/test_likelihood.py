@@ -13,7 +13,6 @@ from capsbayes.infer.outline import (
     OutlineLikelihood,
     SilhouetteLength,
     aligned_with,
-    check_view_of,
     normal_distances,
     outline_likelihood,
     posed_on,
@@ -327,9 +326,3 @@ def test_the_own_error_is_averaged_over_other_places_if_some_are_given():
     covariance = covariance_of_circle(pose=Pose()) + (0.01**2 + 0.02**2 + 0.03**2) / 3.0
     expected = multivariate_normal(cov=covariance).logpdf(np.zeros(COUNT))
     assert found.at(model, {"size_ratio": np.array([0.9])})[0] == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_model_of_another_view_is_refused():
-    seen = MeasuredOutline(0.9 * CIRCLE, SMOOTH, view="silhouette")
-    with pytest.raises(InputError, match=r'outline.view: expected "mid-plane", that of .* circles, got "silhouette"'):
-        check_view_of(CircleModel(), seen)

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.stats
 
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import identify
 from capsbayes.infer.outline import OutlineLikelihood, SilhouetteLength
 from capsbayes.infer.quadrature import Quadrature
-from capsbayes.measurement import SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 
@@ -43,31 +42,6 @@ def capsule(model):
         capsule_velocity_error=0.002 * velocity,
         outline=MeasuredOutline(vertices + errors[:, None] * vertex_normals(vertices), NOISE, view=SILHOUETTE),
     )
-
-
-def test_the_length_adds_its_own_number():
-    """With white errors only, nothing is shared: the density is a product."""
-    white = OutlineNoise(0.01, 0.0, 1.0)
-    alone = OutlineLikelihood(0.9 * CIRCLE, white, 0.9 * CIRCLE)
-    both = replace(alone, length=SilhouetteLength(1.5, 0.03, 0.04))
-    outlines = np.array([0.9, 0.905])[:, None, None] * CIRCLE
-    lengths = np.array([1.53, 1.46])
-    added = both.log_density(outlines, lengths) - alone.log_density(outlines)
-    np.testing.assert_allclose(added, scipy.stats.norm(1.5, 0.05).logpdf(lengths), atol=1e-6)
-
-
-def test_the_length_shares_the_error_of_the_nose():
-    """Where the nose was found too far out, L_a was found too long."""
-    pose = Pose(offset=0.01)
-    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, pose, length=SilhouetteLength(1.5, 0.02))
-    smaller = 0.89 * CIRCLE[None]  # so that all edges were found too far out
-    longer, shorter = seen.log_density(np.repeat(smaller, 2, axis=0), np.array([1.49, 1.51]))
-    assert longer > shorter + 0.1
-
-
-def test_an_error_of_the_length_below_that_of_the_nose_is_no_trouble():
-    seen = OutlineLikelihood(0.9 * CIRCLE, NOISE, 0.9 * CIRCLE, length=SilhouetteLength(1.5, 1e-4))
-    assert np.isfinite(seen.log_density(0.9 * CIRCLE[None], np.array([1.5]))).all()
 
 
 def test_whitened_displacements_reach_the_length():
