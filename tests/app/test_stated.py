@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capsbayes.app.stated import Stated, measure_command, new_folder, safe_name, said
+from capsbayes.app.stated import Stated, measure_command, new_folder, page_words, safe_name
 from capsbayes.errors import InputError
 from capsbayes.status import Status
 
@@ -27,9 +27,10 @@ NAMES = [
 
 def test_the_page_names_no_option_of_a_command():
     for status in Status:
-        assert "--" not in said(status)
+        assert "--" not in page_words(status)
     error = InputError("a--b.rtdc", "rate", "one", "none", 'give --flow-rate "0.16 uL/s", or --shared-velocity')
-    assert said(error) == 'a--b.rtdc: rate: expected one, got none; give flow rate "0.16 uL/s", or shared velocity'
+    words = 'a--b.rtdc: rate: expected one, got none; give flow rate "0.16 uL/s", or shared velocity'
+    assert page_words(error) == words
 
 
 def test_an_uploaded_file_gets_a_harmless_name_and_a_folder_of_its_own(tmp_path):

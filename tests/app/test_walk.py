@@ -152,7 +152,7 @@ def test_dirt_on_the_outline_is_erased_by_a_box_that_is_drawn(bench, browser, tm
     cv2.imwrite(str(tmp_path / "dirty.png"), dirty(made, (x, y)))
     page, said = opened(browser, bench[1])
     page.locator("input[type=file]").first.set_input_files(tmp_path / "dirty.png")
-    page.get_by_text("--erase").first.wait_for()
+    page.get_by_text("The outline is notched").first.wait_for()
     page.get_by_text("Put something right by hand").click()
     page.get_by_text("erase in the picture").click()
     dragged(page, (x - 13.0, y - 13.0), (x + 13.0, y + 13.0))

@@ -87,7 +87,7 @@ def test_columns_sort_both_ways_by_value_and_what_has_none_stays_last(clicked):
     assert clicked[0][0][1][1] == [str(k) for k in range(1, 31)]
 
 
-def test_a_broken_page_would_be_noticed(tmp_path):
+def test_a_page_that_is_broken_or_fetches_something_would_be_noticed(population_of_30, tmp_path):
     broken = (
         '<html><body><img alt="x" src="data:image/png;base64,AAAA"><div style="width: 2000px">x</div>'
         "<script>nowhere();</script></body></html>"
@@ -96,9 +96,6 @@ def test_a_broken_page_would_be_noticed(tmp_path):
     assert seen.found[360]["pictures"] == [False]
     assert seen.found[360]["overflow"] > 1000
     assert any("nowhere is not defined" in line for line in seen.console)
-
-
-def test_a_page_that_fetches_something_would_be_noticed(population_of_30, tmp_path):
     fetching = population_of_30.replace("</body>", '<img alt="x" src="http://localhost:9/x.png"></body>')
     seen = seen_in_browser(fetching, LOADED, tmp_path)
     assert False in seen.found[1200]["pictures"]

@@ -9,8 +9,15 @@ import pytest
 
 from capsbayes.database import VARIABLES, Database
 from capsbayes.errors import DatabaseError
-from capsbayes.report.atlas import atlas, cases_of_cell, changes, table_of_cases
-from capsbayes.report.database import database_page, domain_sentence, domain_table
+from capsbayes.report.database import (
+    atlas,
+    cases_of_cell,
+    changes,
+    database_page,
+    domain_sentence,
+    domain_table,
+    table_of_cases,
+)
 from capsbayes.report.tables import html_table
 from capsbayes.status import Status
 from capsbayes.surrogate import Surrogate

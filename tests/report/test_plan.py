@@ -22,8 +22,7 @@ from capsbayes.plan import (
 )
 from capsbayes.quantity import Quantity
 from capsbayes.report import budget_figure, flow_figure, identifiability_figure, sobol_figure
-from capsbayes.report.map import membrane_map_figure
-from capsbayes.report.plan import membrane_flow_figure
+from capsbayes.report.plan import membrane_flow_figure, membrane_map_figure
 from capsbayes.report.simulation import transient_figure
 from capsbayes.status import Status
 

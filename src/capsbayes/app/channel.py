@@ -12,7 +12,7 @@ from nicegui import events, ui
 from capsbayes import experiment as liquids
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import QuantityField, button, choice, notice, step, upload
-from capsbayes.app.stated import said
+from capsbayes.app.stated import page_words
 from capsbayes.errors import CapsbayesError
 from capsbayes.quantity import Quantity
 
@@ -179,7 +179,7 @@ def _form(liquid: _Liquid, target: QuantityField) -> None:
         try:
             viscosity = liquid.viscosity(*(field.text for field in fields))
         except CapsbayesError as error:
-            words.text = said(error)
+            words.text = page_words(error)
             return
         target.text = f"{viscosity.value:.4g} +/- {viscosity.error:.2g} Pa s"
         of_formula = f"of which {liquid.error:.0%} is the error of the formula ({liquid.source})"

@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import APIRouter, HTTPException
 from fastapi.responses import FileResponse
 
-from capsbayes.app.stated import EXPERIMENT, Stated, said
+from capsbayes.app.stated import EXPERIMENT, Stated, page_words
 from capsbayes.app.worker import Worker
 from capsbayes.errors import CapsbayesError
 from capsbayes.experiment import Camera, Experiment
@@ -93,5 +93,5 @@ class Desk:
                 with guarded():
                     known.write(folder / EXPERIMENT)
         except CapsbayesError as error:
-            return said(error)
+            return page_words(error)
         return ""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from capsbayes.app.measuring import detected
-from capsbayes.app.stated import EXPERIMENT, SEED, Stated, said
+from capsbayes.app.stated import EXPERIMENT, SEED, Stated, page_words
 from capsbayes.database import Database
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
@@ -62,7 +62,7 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
         "headlines": [typeset(value_words(name, marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
         "status": texts.status_words(posterior),
-        "caveats": [typeset(said(caveat)) for caveat in texts.caveats(posterior)],
+        "caveats": [typeset(page_words(caveat)) for caveat in texts.caveats(posterior)],
         "quantities": html_table(texts.quantity_table(posterior)),
         "budget_sentence": typeset(texts.budget_sentence(posterior)),
         "budget": "" if budget is None else html_table(budget),
@@ -105,7 +105,7 @@ def _answer(folder: str, stated: Stated) -> _Answer:
         seen = detected(stated, experiment)
         measurement = measurement_of(seen[1], seen[0], experiment, *_speeds(stated, experiment))
     if not measurement.status.ok:
-        raise InputError(stated.picture, "", "a capsule that can be measured", said(measurement.status))
+        raise InputError(stated.picture, "", "a capsule that can be measured", page_words(measurement.status))
     membrane = Membrane(stated.membrane) if stated.membrane else None
     model = _opened(experiment.cross_section, _view(measurement), known=membrane is None)
     posterior = identify(

@@ -17,7 +17,7 @@ from nicegui import events, ui
 from capsbayes.app import fields
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import Progress, QuantityField, button, step
-from capsbayes.app.stated import EVENTS, KINDS, MEASUREMENT, OVERLAY, measure_command, new_folder, safe_name, said
+from capsbayes.app.stated import EVENTS, KINDS, MEASUREMENT, OVERLAY, measure_command, new_folder, page_words, safe_name
 from capsbayes.app.worker import WorkFailedError, printed_by
 
 _MOST_SHOWN = 12  # overlays of one file
@@ -158,7 +158,7 @@ class ManyStep:
             self._show(file, measured)
             self._grown()
             return True
-        file.say(said(" ".join(printed.split()[-40:]) if status == 2 else printed.strip().splitlines()[-1]))
+        file.say(page_words(" ".join(printed.split()[-40:]) if status == 2 else printed.strip().splitlines()[-1]))
         return False
 
     def _show(self, file: _File, measured: list[Path]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated, said
+from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated, page_words
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.recording import is_film
@@ -60,7 +60,7 @@ def measured(folder: str, stated: Stated) -> dict[str, Any]:
         "crop": boxes.crop,
         "erased": boxes.erase,
         "ok": detection.status.ok,
-        "status": said(detection.status),
+        "status": page_words(detection.status),
         "rows": _rows(detection),
     }
 

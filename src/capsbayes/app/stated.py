@@ -110,12 +110,12 @@ def new_folder(bench: Path, stem: str) -> Path:
             return folder
 
 
-def said(sentence: object) -> str:
+def page_words(sentence: object) -> str:
     """Return a status or an error in the words of the page, where what a command names as an option is a field.
 
     Examples
     --------
-    >>> said("cut the picture (--crop) or repeat with t distributions"), said("--frame-rate: expected one")
+    >>> page_words("cut the picture (--crop) or repeat with t distributions"), page_words("--frame-rate: expected one")
     ('cut the picture or repeat with t distributions', 'frame rate: expected one')
     """
     bare = re.sub(r" \([^()]*--[^()]*\)", "", str(sentence).removeprefix("capsbayes: "))

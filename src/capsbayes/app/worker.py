@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from capsbayes.app.stated import said
+from capsbayes.app.stated import page_words
 from capsbayes.errors import CapsbayesError
 from capsbayes.run import LINES, line_read
 
@@ -126,7 +126,7 @@ def _serve(pipe: Connection, module: str) -> None:
         try:
             pipe.send((True, tasks.TASKS[name](**arguments)))
         except CapsbayesError as error:
-            pipe.send((False, said(error)))
+            pipe.send((False, page_words(error)))
         except MemoryError:
             pipe.send((False, "There is not enough memory for this file."))
         except Exception as error:  # the page says it; the process goes on

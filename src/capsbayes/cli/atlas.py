@@ -22,7 +22,7 @@ def atlas(
     from rich.console import Console
 
     from capsbayes.database import Database
-    from capsbayes.report.atlas import atlas as figures_of
+    from capsbayes.report.database import atlas as figures_of
     from capsbayes.report.style import write_figure
     from capsbayes.run import resumable
 

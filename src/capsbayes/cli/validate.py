@@ -36,7 +36,7 @@ def validate(
     from rich.console import Console
 
     from capsbayes.database import Database
-    from capsbayes.report.atlas import heat_maps
+    from capsbayes.report.database import heat_maps
     from capsbayes.run import resumable
     from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
 

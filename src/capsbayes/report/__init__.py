@@ -7,7 +7,7 @@ _HOMES = {
     "budget_figure": "plan",
     "corner_plot": "posterior_figures",
     "flow_figure": "plan",
-    "identifiability_figure": "map",
+    "identifiability_figure": "plan",
     "opened": "write",
     "outline_figure": "posterior_figures",
     "outline_plot": "posterior_figures",

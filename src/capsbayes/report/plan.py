@@ -1,22 +1,29 @@
-"""Sentences, tables and figures of plans: error budget, Sobol indices, flow rates for a known or unknown membrane."""
+"""Plans: error budget, Sobol indices, flow rates, and maps of what a measurement tells, in sentences and figures."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import LogNorm
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.path import Path
 
 from capsbayes.arrays import Floats
+from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.parameters import PARAMETERS
 from capsbayes.plan import ErrorBudget, FlowDesign, MembraneFlowDesign, PlannedFlows, SobolStudy
-from capsbayes.plan.membrane import MEASURED
+from capsbayes.plan.membrane import KNOWN, MEASURED, UNKNOWN
 from capsbayes.plan.widths import EACH, LOGARITHMIC
 from capsbayes.report import style
 from capsbayes.report.numbers import per_cent, stated_in, unit_of, with_unit
@@ -30,6 +37,11 @@ _LABEL = 42  # characters in a line of a label
 _RARE = 0.005  # share of the capsules that is not mentioned
 _ANSWERS = (_MODULUS, PARAMETERS["capsule_radius"])
 _FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
+_LEVELS = (
+    *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
+    *(10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0),
+)  # %
+_TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def membrane_flow_parts(design: MembraneFlowDesign) -> Iterator[str | pd.DataFrame]:
@@ -301,3 +313,115 @@ def membrane_flow_figure(design: MembraneFlowDesign) -> Figure:
     style.framed(lower).legend(frameon=False, fontsize=9, loc="upper center")
     style.framed(upper).grid(axis="x", color=PALE, linewidth=0.5)
     return figure
+
+
+# Maps: contours of the width of G_s or a over (Ca, a/l) within the border of the model
+
+
+def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_modulus") -> Figure:
+    """Draw the relative width of G_s or a over (Ca, a/l).
+
+    Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
+    the dotted line two steady shapes are stable.
+    """
+    figure, ax = style.new_plot(7.4, 5.6)
+    width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
+    leaning, two_shapes = widths["leaning"].to_numpy(), widths["two_shapes"].to_numpy()
+    levels = _levels(np.where(leaning <= LEANING_SHARE, width, np.nan))
+    areas, lines, clip = _draw_map(ax, widths, width, levels, 0.7)
+    plane = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+    hatched: dict[str, Any] = {"levels": [LEANING_SHARE, 1.1], "colors": "none", "hatches": ["////"]}
+    ax.contourf(*plane, _filled(leaning), **hatched).set_clip_path(clip)
+    dotted: dict[str, Any] = {"colors": ACCENT, "linestyles": "dotted", "linewidths": 1.6}
+    ax.contour(*plane, _filled(two_shapes.astype(float)), levels=[0.5], **dotted).set_clip_path(clip)
+    labels, inside = ax.clabel(lines, fmt=lambda value: f"{value:g} %", fontsize=8), Path(clip.get_xy())
+    style.outlined(labels)
+    for text in labels:
+        text.set_visible(inside.contains_point(text.get_position()))
+    _frame_map(ax, clip)
+    _draw_scale(
+        figure, areas, ax, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]", levels
+    )
+    words = "leans on the border of the database: cut there, not measured"
+    marks: list[Any] = [Patch(facecolor="none", hatch="////", label=words)]
+    if two_shapes.any():
+        line: dict[str, Any] = {"color": ACCENT, "linestyle": "dotted", "linewidth": 1.6}
+        marks.append(Line2D([], [], label="left of it two shapes are stable", **line))
+    style.legend_below(figure, marks, 2, fontsize=9)
+    ax.set_title(_error_words(widths), fontsize=10)
+    return figure
+
+
+def membrane_map_figure(widths: xr.Dataset) -> Figure:
+    """Draw the standard deviation of ln G_s of one capsule, with the membrane unknown and known, within its border."""
+    panels = [(kind, known) for kind in MEASURED for known in (UNKNOWN, KNOWN) if f"{UNKNOWN}_{kind}" in widths]
+    figure = style.new_figure(8.6, 1.0 + 1.5 * len(panels))
+    axes = figure.subplots(len(panels) // 2, 2, sharex=True, sharey=True, squeeze=False)
+    shown = [100.0 * widths[f"{known}_{kind}"].to_numpy() for kind, known in panels]
+    levels = _levels(np.stack(shown))
+    for ax, sds, (kind, known) in zip(axes.flat, shown, panels, strict=True):
+        areas, _, clip = _draw_map(ax, widths, sds, levels, 0.6)
+        _frame_map(ax, clip)
+        ax.set_title(f"{MEASURED[kind]}, membrane {known}", fontsize=10)
+    for ax in axes.flat:
+        ax.label_outer()
+    _draw_scale(figure, areas, axes, f"standard deviation of $\\ln {_MODULUS.latex}$ [%]", levels)
+    return figure
+
+
+def _draw_map(
+    ax: Axes, widths: xr.Dataset, shown: Floats, levels: list[float], line: float
+) -> tuple[Any, Any, Polygon]:
+    """Draw contours within the border of the model: the areas, the lines, and the border, which clips them."""
+    ca, size = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
+    sides = [np.stack([widths[end].to_numpy(), size], axis=1) for end in ("lowest", "highest")]
+    border = np.concatenate([sides[0], sides[1][::-1]])
+    border = border[np.isfinite(border).all(axis=1)]
+    clip = Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3)
+    ax.add_patch(clip)
+    look: dict[str, Any] = {"norm": LogNorm(levels[0], levels[-1]), "cmap": "viridis_r", "extend": "both"}
+    areas = ax.contourf(ca, size, _filled(shown), levels=levels, **look)
+    lines = ax.contour(ca, size, _filled(shown), levels=levels, colors="white", linewidths=line)
+    for drawn in (areas, lines):
+        drawn.set_clip_path(clip)
+    return areas, lines, clip
+
+
+def _frame_map(ax: Axes, border: Polygon) -> None:
+    """Axes as wide as the border."""
+    ax.set_xscale("log")
+    (left, bottom), (right, top) = border.get_xy().min(axis=0), border.get_xy().max(axis=0)
+    margin = 0.03 * (top - bottom)
+    ax.set(xlim=(0.93 * left, 1.07 * right), ylim=(bottom - margin, top + margin))
+    style.label_plane(ax, _TICKS)
+
+
+def _draw_scale(figure: Figure, areas: Any, axes: Any, label: str, levels: list[float]) -> None:
+    figure.colorbar(areas, ax=axes, label=label).set_ticks(levels, labels=[f"{level:g}" for level in levels])
+
+
+def _levels(width: Floats) -> list[float]:
+    """Levels between the smallest and the largest width that is measured."""
+    if np.isnan(width).all():
+        return [float(level) for level in _LEVELS[-4:]]
+    low, high = np.nanmin(width), np.nanmax(width)
+    inner = [level for level in _LEVELS if low < level < high]
+    return inner if len(inner) > 1 else [float(level) for level in np.geomspace(0.9 * low, 1.1 * high, 4)]
+
+
+def _filled(values: Floats) -> Floats:
+    """Values carried on along Ca beyond the border, where the picture is cut."""
+    return pd.DataFrame(values).interpolate(axis=1, limit_direction="both").to_numpy()
+
+
+def _error_words(widths: xr.Dataset) -> str:
+    """Model and errors in two lines."""
+    stated, lab = (json.loads(widths.attrs[name]) for name in ("errors", "experiment"))
+    scale, unit = (1.0, "l") if stated["unit_of_lengths"] == "l" else (1e6, "µm")
+    length = "not measured" if stated["axial_length"] is None else f"± {scale * stated['axial_length']:.3g} {unit}"
+    share = {name: 100.0 * lab[name]["error"] / lab[name]["value"] for name in ("viscosity", "half_width")}
+    return (
+        f"{widths.attrs['model']}; errors: $L_z$ ± {scale * stated['axial_extent']:.3g} {unit}, $L_a$ {length}, "
+        f"$v_\\mathrm{{o}}$ ± {100.0 * stated['capsule_velocity_relative']:.2g} %,\n"
+        f"$\\mu$ ± {share['viscosity']:.2g} %, $\\ell$ ± {share['half_width']:.2g} %"
+    )

@@ -18,7 +18,7 @@ from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
 from capsbayes.report.numbers import with_unit
 from capsbayes.report.page import page
-from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_figure
+from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_plot
 
 USABLE, OTHERS = "usable-capsules", "other-capsules"
 """Ids of the points of `modulus_against_radius`, which are in the order of the population."""
@@ -31,8 +31,7 @@ _MOST_MARKS = 500  # points; a picture of pixels is smaller than more
 
 def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
     """Draw the medians of G_s of the usable capsules, and over them the spread with the errors removed."""
-    figure = new_figure(5.8, 3.6)
-    ax = figure.subplots()
+    figure, ax = new_plot(5.8, 3.6)
     edges, counts = _bars(population)
     shown = _MODULUS.scale * np.exp(edges)
     ax.stairs(counts, shown, fill=True, facecolor=PALE, edgecolor=INK, linewidth=1.0, label="medians, errors in them")
@@ -75,8 +74,7 @@ def bar_words(population: Population) -> dict[str, list[str]]:
 
 def modulus_against_radius(population: Population) -> Figure:
     """Draw the median G_s of each capsule against its median radius, with 68 % intervals."""
-    figure = new_figure(5.8, 4.2)
-    ax = figure.subplots()
+    figure, ax = new_plot(5.8, 4.2)
     use = population.usable
     bars = int(np.isfinite(population[f"{_MODULUS.name}_median"]).sum()) <= _MOST_BARS
     for rows, colour, marker, face, label in (

@@ -82,8 +82,8 @@ def agreement_words(posterior: Posterior) -> str:
     """Say how far the two engines agree; empty if only one was used."""
     if posterior.agreement is None:
         return ""
-    said = str(posterior.agreement).capitalize()
-    return f"By quadrature: the same posterior computed on a grid instead of sampled. {said}."
+    agreement = str(posterior.agreement).capitalize()
+    return f"By quadrature: the same posterior computed on a grid instead of sampled. {agreement}."
 
 
 def input_words(name: str) -> str:
@@ -186,9 +186,8 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
 
 def told_words(widths: Mapping[str, float], keeps: str, keep: str) -> str:
     """Say which parameters of the membrane a batch tells, by their widths over those of the priors, and which not."""
-    told, kept = (
-        [PARAMETERS[name].symbol for name in widths if (widths[name] > KEPT) is keep] for keep in (False, True)
-    )
+    told = [PARAMETERS[name].symbol for name, width in widths.items() if width <= KEPT]
+    kept = [PARAMETERS[name].symbol for name, width in widths.items() if width > KEPT]
     words = f"The capsules tell {', '.join(told) or 'nothing of the membrane'}."
     return f"{words} {', '.join(kept)} {keeps if len(kept) == 1 else keep}." if kept else words
 

@@ -272,7 +272,7 @@ def p_value_words(p_value: float) -> str:
 
 def finding_table(finding: Finding) -> pd.DataFrame:
     """Return every deviation that was tested, the most surprising first."""
-    rows = [(Symbols(one.name), deviation_words(one), p_value_words(one.p_value)) for one in finding.deviations]
+    rows = [(Symbols(each.name), deviation_words(each), p_value_words(each.p_value)) for each in finding.deviations]
     title = f"Deviations of {finding.capsules} capsules from the model"
     return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
 
@@ -330,7 +330,7 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
     noise = [_finite(finding.noise, ".2f", " σ", "nothing is left over") for finding in findings]
     before, after = (half.median_modulus for half in verification.comparisons)
     deviations = [each.deviations[0] if each.deviations else None for each in findings]
-    largest = [Symbols(f"{one.name}: {deviation_words(one)}") if one else "" for one in deviations]
+    largest = [Symbols(f"{each.name}: {deviation_words(each)}") if each else "" for each in deviations]
     score = f"{verification.log_likelihood_ratio:+.2f} ± {verification.error:.2f}"
     ratios = verification.log_likelihood_ratios
     rows = [

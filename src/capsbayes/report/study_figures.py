@@ -19,7 +19,7 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import arc_share
 from capsbayes.report import study as texts
 from capsbayes.report.page import page
-from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure
+from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure, new_plot
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
@@ -30,8 +30,7 @@ _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5),
 
 def candidate_ratios(study: Study) -> Figure:
     """Draw the log-likelihood ratio of every candidate, those in question in a colour."""
-    figure = new_figure(10.0, 0.9 + 0.32 * len(study.scores))
-    ax = figure.subplots()
+    figure, ax = new_plot(10.0, 0.9 + 0.32 * len(study.scores))
     ratios = [scores.log_likelihood_ratio for scores in study.scores.values()]
     names = [scores.effect.name for scores in study.scores.values()]
     bars = ax.barh(names, ratios, color=[INK if name in study.names else _OTHER for name in study.scores], height=0.65)
@@ -44,8 +43,7 @@ def candidate_ratios(study: Study) -> Figure:
 
 def moduli(verification: Verification) -> Figure:
     """Draw G_s of each held-out capsule with its error before and after an effect is added, and the medians."""
-    figure = new_figure(10.0, 3.8)
-    ax = figure.subplots()
+    figure, ax = new_plot(10.0, 3.8)
     order = np.argsort(verification.comparisons[0].modulus)  # NaN last
     places = np.arange(1, len(order) + 1)
     styles = (("before", ACCENT, -0.14, "o", "white"), ("after", INK, 0.14, "s", INK))
@@ -69,8 +67,7 @@ def misfits(compared: Comparison) -> Figure | None:
     known, ill = np.isfinite(misfit), compared.fits.ill
     if not known.any():
         return None
-    figure = new_figure(10.0, 3.8)
-    ax = figure.subplots()
+    figure, ax = new_plot(10.0, 3.8)
     largest = max(2.0, float(misfit[known].max()))
     colours: dict[str, Any] = {"c": misfit[known], "cmap": "RdBu_r", "norm": TwoSlopeNorm(1.0, 0.0, largest)}
     shown = ax.scatter(ca[known], size[known], s=60, edgecolors=INK, linewidths=0.6, **colours)

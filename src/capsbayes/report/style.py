@@ -29,6 +29,12 @@ def new_figure(width: float, height: float, **layout: Any) -> Figure:
     return Figure(figsize=(width, height), **({"layout": "constrained"} | layout))
 
 
+def new_plot(width: float, height: float) -> tuple[Figure, Axes]:
+    """Return a figure of one pair of axes, and these."""
+    figure = new_figure(width, height)
+    return figure, figure.subplots()
+
+
 def framed(ax: Axes, hidden: tuple[str, ...] = ("top", "right")) -> Axes:
     """Hide some sides of the frame of axes."""
     ax.spines[list(hidden)].set_visible(False)

@@ -130,8 +130,7 @@ def _print_membrane_map(
     """Compute the map with the membrane unknown, print and write it."""
     from capsbayes.plan import membrane_map
     from capsbayes.plan.membrane import MEMBRANE_GRID
-    from capsbayes.report.map import membrane_map_figure
-    from capsbayes.report.plan import expected_words, membrane_map_table
+    from capsbayes.report.plan import expected_words, membrane_map_figure, membrane_map_table
     from capsbayes.run import tracked
 
     found = membrane_map(known, errors, **of_membrane, grid=points or MEMBRANE_GRID, progress=tracked)
