@@ -7,6 +7,7 @@ from scipy.special import erfc
 
 from capsbayes.image.edge_models import (
     Model,
+    _evaluated,
     bridge_errors,
     bridged,
     fit_without_outliers,
@@ -29,20 +30,24 @@ COEFFICIENTS = {
 every_model = pytest.mark.parametrize("model", Model)
 
 
-def drawn(model, place, width):
-    """A profile of a model, the blurred ramp by an integral of the blurred step."""
+def functions(model, place, width):
+    """Functions of a model at the samples, the blurred ramp by an integral of the blurred step."""
     t = SAMPLES - place
     step, ones = 0.5 * erfc(-t / (width * np.sqrt(2.0))), np.ones_like(t)
     bell = np.exp(-0.5 * (t / width) ** 2)
     fine = np.linspace(-30.0, 20.0, 100_001)
     steps = np.cumsum(0.5 * erfc(-fine / (width * np.sqrt(2.0)))) * (fine[1] - fine[0])
     ramp = np.interp(t, fine, steps)
-    functions = {
+    of_models = {
         Model.EDGE: [ones, t - ramp, step, ramp],
         Model.LINE: [bell, ones, step],
         Model.BAND: [bell, ones, t, t**2],
     }
-    return COEFFICIENTS[model] @ np.array(functions[model])
+    return np.stack(of_models[model], axis=1)
+
+
+def drawn(model, place, width):
+    return functions(model, place, width) @ COEFFICIENTS[model]
 
 
 def located(model, profiles, *, place=0.0, width=1.5, used=None, bend=0.0):
@@ -62,6 +67,18 @@ def test_a_drawn_profile_is_found_again_with_its_slope(model, place, width):
     np.testing.assert_allclose(fit.fitted[0], drawn(model, place, width), atol=1e-4)
     change = (drawn(model, place + 0.01, width) - drawn(model, place - 0.01, width)) / 0.02
     np.testing.assert_allclose(fit.slope[0], change, atol=2e-3)
+
+
+@every_model
+def test_all_functions_and_derivatives_are_filled_in(model):
+    """Compared with central differences of the functions."""
+    place, width, step = 0.4, 1.8, 1e-3
+    filled = [np.full((len(SAMPLES), len(COEFFICIENTS[model])), np.nan) for _ in range(3)]
+    _evaluated(int(model), 0.0, SAMPLES, np.ones(len(SAMPLES)), place, width, *filled)
+    shifted = functions(model, place + step, width) - functions(model, place - step, width)
+    wider = functions(model, place, width * np.exp(step)) - functions(model, place, width * np.exp(-step))
+    expected = functions(model, place, width), shifted / (2.0 * step), wider / (2.0 * step)
+    np.testing.assert_allclose(filled, expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("bend", [-0.15, 0.3])

@@ -64,13 +64,6 @@ def test_the_outline_of_a_disc_lies_on_the_truth_and_does_not_tell_the_flow():
     assert silhouette_of(seen(made, flow="right")) is not None
 
 
-@pytest.mark.parametrize("blur", [0.8, 1.4, 2.0])
-def test_edge_widths_witness_the_blur(blur):
-    outline = seen(drawn(0.1, 0.9, optics=Optics(blur=blur, electrons=50_000))).outline
-    front = np.median(outline.edge_width[outline.normals[:, 0] > 0.9])
-    assert front == pytest.approx(np.hypot(blur, np.sqrt(1.0 / 12.0)), rel=0.15)  # and the size of a pixel
-
-
 def test_a_convex_rear_gives_a_bound_not_a_length():
     made = drawn(0.03, 0.75)
     convex = measured(made.picture, made.background)

@@ -504,17 +504,12 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     if depth < _CLEAR * deviation:
         return None
     misfit = deviation * (_BAND_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
-    within = _place_within(deviation, blur)
+    of_band = float(np.sqrt(max(deviation**2 - blur**2 - _BAND_SMOOTHING**2, 0.0)))
+    within = of_band if of_band > _WIDE else 0.0
     systematic = float(misfit**2 + within**2)
     breadth = float(np.max(np.abs(across[fit.kept])))
     error = float(np.sqrt(variance + systematic))
     return RearBand(depth, error, systematic, deviation, within, float(fit.coefficients[2]), breadth)
-
-
-def _place_within(deviation: float, blur: float) -> float:
-    """Return the standard error of the membrane's place within a band of this standard deviation, see `RearBand`."""
-    of_band = float(np.sqrt(max(deviation**2 - blur**2 - _BAND_SMOOTHING**2, 0.0)))
-    return of_band if of_band > _WIDE else 0.0
 
 
 # Integrals change in proportion to the displacement of a piece of the edge along its normal: independent errors from

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter1d
 from scipy.spatial import KDTree
 
 from capsbayes.arrays import Floats
-from capsbayes.profile import Profile, arc_length, signed_area
+from capsbayes.profile import Profile, arc_length, equally_spaced, signed_area, vertex_normals
 
 _FINE = 3  # fine pixels along the side of one of the camera's
 _EXACT = 1.5  # px from the outline within which the distance is not interpolated between the camera's pixels
@@ -150,7 +150,7 @@ def _rear(grid: Floats, scene: Scene, optics: Optics) -> Floats:
     rear = _concave_rear(np.asarray(scene.profile, dtype=float))
     if len(rear) < 3:
         return np.ones(grid.shape[:2])
-    distance = _nearest(grid, _dense(scene.placed(rear), closed=False), 2.6 * optics.rear_width)
+    distance = _nearest(grid, _dense(scene.placed(rear)), 2.6 * optics.rear_width)
     return np.asarray(1.0 - optics.rear_depth * np.exp(-((distance / optics.rear_width) ** 2)))
 
 
@@ -163,21 +163,17 @@ def _concave_rear(profile: Floats) -> Floats:
     return profile[start : stop + 1]
 
 
-def _dense(points: Floats, *, closed: bool) -> Floats:
-    corners, length = np.concatenate([points, points[:1]]), arc_length(points)
-    if not closed:
-        corners, length = points, length[:-1]
-    at = np.linspace(0.0, length[-1], int(length[-1] / _SPACING), endpoint=not closed)
-    return np.stack([np.interp(at, length, corners[:, axis]) for axis in (0, 1)], axis=1)
+def _dense(points: Floats) -> Floats:
+    """Return points along an open curve, from end to end."""
+    length = arc_length(points)[:-1]
+    at = np.linspace(0.0, length[-1], int(length[-1] / _SPACING))
+    return np.stack([np.interp(at, length, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def _signed_distance(grid: Floats, outline: Floats, reach: float) -> Floats:
     """Return the distance to a closed outline, positive inside, up to `reach` : array of the shape of the grid."""
-    dense = _dense(outline, closed=True)
-    tangent = np.roll(dense, -1, axis=0) - np.roll(dense, 1, axis=0)
-    inward = (
-        np.sign(signed_area(dense)) * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.hypot(*tangent.T)[:, None]
-    )
+    dense = equally_spaced(outline, int(arc_length(outline)[-1] / _SPACING))
+    inward = -np.sign(signed_area(dense)) * vertex_normals(dense)
     tree = KDTree(dense)
 
     def signed(points: Floats, reach: float) -> Floats:
