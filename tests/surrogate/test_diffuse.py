@@ -76,23 +76,6 @@ def test_the_error_falls_at_the_order_of_the_basis(degree, neighbours):
     assert rates[1] > degree - 0.3  # odd degrees gain on nearly regular nodes
 
 
-def test_a_batch_is_its_points_one_by_one():
-    nodes = jittered(0.1)
-    approximation = cubic(nodes, wave(nodes)[0])
-    batch = approximation.with_gradient(QUERIES[:20])
-    alone = [approximation.with_gradient(query[None]) for query in QUERIES[:20]]
-    np.testing.assert_allclose(batch[0], np.concatenate([value for value, _ in alone]), rtol=1e-13)
-    np.testing.assert_allclose(batch[1], np.concatenate([gradient for _, gradient in alone]), rtol=1e-11, atol=1e-13)
-
-
-def test_shape_functions_add_up_to_one_and_give_the_value():
-    nodes = jittered(0.1)
-    approximation = cubic(nodes, wave(nodes)[0])
-    weights = approximation.shape_functions(QUERIES)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
-    np.testing.assert_allclose(weights @ approximation.values, approximation(QUERIES), atol=1e-12)
-
-
 def test_leaving_one_out_is_building_without_it():
     nodes = jittered(0.15)
     approximation = cubic(nodes, wave(nodes)[0])

@@ -44,39 +44,26 @@ def test_a_batch_is_its_points_one_by_one():
     np.testing.assert_array_equal(DOMAIN.contains(ca, size), alone)
 
 
-def test_the_bounds_are_the_box_around():
-    assert DOMAIN.bounds == ((0.01, 0.15), (0.8, 1.0))
-
-
-@pytest.mark.parametrize(
-    ("ca", "size", "reason"),
-    [
-        (0.05, 0.7, "a/l runs from 0.8 to 1"),
-        (0.001, 0.8, "lowest Ca computed at this a/l is 0.01"),
-        (0.2, 0.8, "the database ends at Ca = 0.15"),
-        (0.12, 1.0, "no steady shape is known above Ca = 0.11"),
-        (np.nan, 0.9, "expected finite numbers"),
-    ],
-)
-def test_the_reason_names_the_side(ca, size, reason):
-    assert reason in DOMAIN.reason(ca, size)
-
-
 def test_regions_are_united():
     ca, size = np.random.default_rng(5).uniform([0, 0.75], [0.2, 1.1], (500, 2)).T
     np.testing.assert_array_equal(BOTH.contains(ca, size), MAIN.contains(ca, size) | SECOND.contains(ca, size))
-    assert BOTH.bounds == ((0.005, 0.15), (0.8, 1.05))
+    assert (DOMAIN.bounds, BOTH.bounds) == (((0.01, 0.15), (0.8, 1.0)), ((0.005, 0.15), (0.8, 1.05)))
 
 
 @pytest.mark.parametrize(
-    ("ca", "size", "reason"),
+    ("domain", "ca", "size", "reason"),
     [
-        (0.012, 1.0, "between two branches"),
-        (0.001, 1.0, "lowest Ca computed at this a/l is 0.006"),
-        (0.12, 1.0, "no steady shape is known above Ca = 0.11"),
-        (0.05, 1.05, "no steady shape is known above Ca = 0.009"),
-        (0.05, 1.06, "a/l runs from 0.8 to 1.05"),
+        (DOMAIN, 0.05, 0.7, "a/l runs from 0.8 to 1"),
+        (DOMAIN, 0.001, 0.8, "lowest Ca computed at this a/l is 0.01"),
+        (DOMAIN, 0.2, 0.8, "the database ends at Ca = 0.15"),
+        (DOMAIN, 0.12, 1.0, "no steady shape is known above Ca = 0.11"),
+        (DOMAIN, np.nan, 0.9, "expected finite numbers"),
+        (BOTH, 0.012, 1.0, "between two branches"),
+        (BOTH, 0.001, 1.0, "lowest Ca computed at this a/l is 0.006"),
+        (BOTH, 0.12, 1.0, "no steady shape is known above Ca = 0.11"),
+        (BOTH, 0.05, 1.05, "no steady shape is known above Ca = 0.009"),
+        (BOTH, 0.05, 1.06, "a/l runs from 0.8 to 1.05"),
     ],
 )
-def test_the_reason_looks_at_all_regions(ca, size, reason):
-    assert reason in BOTH.reason(ca, size)
+def test_the_reason_names_the_side_of_all_regions(domain, ca, size, reason):
+    assert reason in domain.reason(ca, size)

@@ -5,7 +5,7 @@ import pytest
 from capsbayes.errors import InputError
 from capsbayes.profile import Profile
 from capsbayes.surrogate import Inverse, inverse
-from capsbayes.surrogate.inverse import rotated
+from capsbayes.surrogate.inverse import VelocityTriangulation, rotated, solve
 
 RNG = np.random.default_rng(6)
 PARAMETERS = RNG.uniform([0.01, 0.7], [0.15, 1.1], (100, 2))
@@ -18,11 +18,6 @@ def linear(neighbours=14):
     """The procedure over a manufactured linear map, for which it is exact."""
     lengths = np.array([-1.6, -1.5]) + PARAMETERS @ SLOPES.T
     return Inverse(PARAMETERS, lengths, 2.0 + PARAMETERS @ [0.5, -1.0], CONTOURS, neighbours)
-
-
-def test_the_rotation_is_by_minus_45_degrees():
-    turn = np.exp(-1j * np.pi / 4) * (2.14 + 1.81j)
-    np.testing.assert_allclose(rotated(np.array([2.14, 1.81])), [turn.real, turn.imag])
 
 
 @pytest.mark.parametrize("truth", [(0.05, 0.9), (0.08, 0.96), (0.1, 0.8)])
@@ -85,3 +80,71 @@ def test_lengths_of_no_capsule_are_refused(extent, length):
 def test_a_neighbourhood_that_cannot_be_is_refused(neighbours):
     with pytest.raises(InputError, match="from 5 to the number of cases, 100"):
         linear(neighbours)
+
+
+POINTS = np.concatenate(
+    [[[0.0, 0.7], [0.15, 0.7], [0.0, 1.1], [0.15, 1.1]], RNG.uniform([0, 0.7], [0.15, 1.1], (40, 2))]
+)
+
+
+def test_a_plane_is_reproduced():
+    plane = VelocityTriangulation(POINTS, 2.0 + POINTS @ [3.0, -1.0])
+    for ca, size in RNG.uniform([0.001, 0.701], [0.149, 1.099], (30, 2)):
+        assert plane(ca, size) == pytest.approx(2.0 + 3.0 * ca - size, abs=1e-12)
+
+
+def test_outside_the_value_is_that_of_the_nearest_border_point():
+    plane = VelocityTriangulation(POINTS, 2.0 + POINTS @ [3.0, -1.0])
+    assert plane(0.2, 0.9) == pytest.approx(2.0 + 0.45 - 0.9, abs=1e-12)
+    assert plane(-0.1, 2.0) == pytest.approx(2.0 - 1.1, abs=1e-12)
+
+
+def fold(points, rows):
+    """Manufactured fold: the first value has its largest value 1 at x = 0."""
+    x, y = points.T
+    gradient = np.stack([np.stack([-2 * x, 0 * x], axis=1), np.full((len(x), 2), [0.2, 1.0])], axis=1)
+    return np.stack([1 - x**2, y + 0.2 * x], axis=1), gradient
+
+
+def solved(forward, wanted, *starts):
+    """One problem from several starting points."""
+    found = solve(forward, np.array([wanted]), np.array(starts)[:, None])
+    return found.points[0], found.misfit[0], found.exact[0]
+
+
+@pytest.mark.parametrize(("start", "side"), [(1.5, 0.5), (2.0, 0.5), (-2.0, -0.5)])
+def test_each_side_of_a_fold_is_found_to_roundoff_from_its_side(start, side):
+    point, _, exact = solved(fold, [0.75, 2.0], [start, 0.0])
+    np.testing.assert_allclose(point, [side, 2.0 - 0.2 * side], atol=1e-9)
+    assert exact
+
+
+def test_beyond_a_fold_the_nearest_point_is_the_answer_and_says_so():
+    point, misfit, exact = solved(fold, [1.2, 2.0], [0.7, 1.0], [-0.4, 3.0])
+    assert not exact
+    assert misfit == pytest.approx(0.2, abs=1e-6)
+    assert point[0] == pytest.approx(0.0, abs=1e-2)
+
+
+def test_a_start_where_the_map_is_not_defined_is_passed_over():
+    def somewhere(points, rows):
+        value, gradient = fold(points, rows)
+        value[points[:, 0] <= 0.0] = np.nan
+        return value, gradient
+
+    assert solved(somewhere, [0.75, 2.0], [-1.0, 0.0], [1.0, 0.0])[2]
+    assert np.isinf(solved(somewhere, [0.75, 2.0], [-1.0, 0.0])[1])
+
+
+def test_the_problems_of_a_batch_do_not_touch_each_other():
+    rng = np.random.default_rng(2)
+    wanted = np.stack([rng.uniform(-1.0, 1.2, 40), rng.uniform(-2.0, 2.0, 40)], axis=1)
+    starts = rng.uniform(-2.0, 2.0, (3, 40, 2))
+    together = solve(fold, wanted, starts)
+    for row in range(40):
+        alone = solve(fold, wanted[[row]], starts[:, [row]])
+        np.testing.assert_array_equal(together.points[row], alone.points[0])
+        assert together.exact[row] == alone.exact[0] == (wanted[row, 0] < 1.0)
+    rows = []
+    solve(lambda points, which: (rows.append(which), fold(points, which))[1], wanted, starts)
+    assert all(len(which) == len(set(which)) for which in rows)

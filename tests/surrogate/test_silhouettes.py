@@ -37,8 +37,9 @@ def test_only_the_outlines_differ(both):
 def test_the_view_is_in_the_name_and_the_mid_plane_is_the_default(both):
     mid_plane, silhouette = both
     assert (mid_plane.view, silhouette.view) == ("mid-plane", "silhouette")
-    assert silhouette.name == f"{mid_plane.name} (silhouettes)"
-    assert silhouette.sha256 == mid_plane.sha256
+    assert (mid_plane.name, silhouette.name) == ("square-manufactured", "square-manufactured (silhouettes)")
+    assert silhouette.sha256 == mid_plane.sha256 == mid_plane.database.sha256
+    assert ((mid_plane + Halo()).view, (silhouette + Halo()).view) == ("mid-plane", "silhouette")
 
 
 def test_own_errors_are_those_of_the_view_and_the_rear_on_the_axis_is_hidden(both):
@@ -47,14 +48,9 @@ def test_own_errors_are_those_of_the_view_and_the_rear_on_the_axis_is_hidden(bot
     np.testing.assert_allclose(silhouette[:-1], LARGER * mid_plane[:-2], rtol=1e-6, atol=1e-12)
 
 
-def test_effects_keep_the_view(both):
-    assert (both[1] + Halo()).view == "silhouette"
-    assert (both[0] + Halo()).view == "mid-plane"
-
-
 def test_another_word_is_refused(both):
     with pytest.raises(InputError, match='Surrogate: view: expected "mid-plane" or "silhouette", got \'shadow\''):
-        replace(both[0], view="shadow")
+        Surrogate(both[0].database, view="shadow")
     with pytest.raises(InputError, match='view: expected "mid-plane" or "silhouette"'):
         Surrogate.open("square-neo-hookean", view="shadow")
 

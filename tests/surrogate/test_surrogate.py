@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import DatabaseError, OutsideDatabaseError
-from capsbayes.model import Domain, ForwardModel
 from capsbayes.surrogate import Surrogate
 
 NAMES = ("axial_extent", "axial_length", "velocity_ratio")
@@ -23,13 +22,6 @@ def theta(ca, size):
     return {"capillary_number": np.asarray(ca), "size_ratio": np.asarray(size)}
 
 
-def test_it_is_a_forward_model(manufactured_surrogate, manufactured_database):
-    assert isinstance(manufactured_surrogate, ForwardModel)
-    assert isinstance(manufactured_surrogate.domain, Domain)
-    assert manufactured_surrogate.name == "square-manufactured"
-    assert manufactured_surrogate.sha256 == manufactured_database.sha256
-
-
 def test_it_gives_the_manufactured_lengths(manufactured_surrogate):
     ca, size = some_points(manufactured_surrogate)
     prediction = manufactured_surrogate(theta(ca, size))
@@ -37,13 +29,6 @@ def test_it_gives_the_manufactured_lengths(manufactured_surrogate):
     assert prediction.inside.all()
     np.testing.assert_allclose(prediction.values, exact[:, :3], atol=2e-5)
     np.testing.assert_allclose(prediction.stretch_ratio, exact[:, 3], atol=2e-5)
-
-
-def test_the_table_adds_nothing_to_the_error(manufactured_surrogate):
-    ca, size = some_points(manufactured_surrogate)
-    (part,) = manufactured_surrogate.branches
-    exact = part.approximation(part.scaling.to_plane(ca, size))
-    assert np.abs(manufactured_surrogate(theta(ca, size)).values - exact[:, :3]).max() < 1e-8
 
 
 def test_the_gradient_is_the_derivative_of_the_prediction(manufactured_surrogate):

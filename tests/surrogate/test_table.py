@@ -7,6 +7,11 @@ QUERIES = np.random.default_rng(2).uniform([0.05, 0.05], [0.95, 1.95], (500, 2))
 LOW, HIGH = np.array([0.0, 0.0]), np.array([1.0, 2.0])
 
 
+def lattice(cells):
+    axes = (np.linspace(0.0, end, cells + 1) for end in HIGH)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
 def function(points):
     """Manufactured smooth function with its gradient."""
     x, y = points.T
@@ -15,7 +20,7 @@ def function(points):
 
 
 def tabulated(cells):
-    return HermiteTable.of(function, LOW, HIGH, cells=(cells, cells), wanted=np.ones((cells + 1,) * 2, dtype=bool))
+    return HermiteTable.of(function, lattice(cells), np.ones((cells + 1,) * 2, dtype=bool))
 
 
 def test_the_error_falls_with_the_fourth_power_of_the_cell():
@@ -49,7 +54,7 @@ def test_values_and_gradients_at_the_lattice_are_kept_and_the_last_point_is_reac
 def test_lattice_points_not_wanted_are_not_asked_and_give_nan_around():
     wanted = np.ones((9, 9), dtype=bool)
     wanted[:4] = False
-    table = HermiteTable.of(function, LOW, HIGH, cells=(8, 8), wanted=wanted)
+    table = HermiteTable.of(function, lattice(8), wanted)
     value = table.with_gradient(np.array([[0.3, 1.0], [0.45, 1.0], [0.6, 1.0]]))[0][:, 0]
     np.testing.assert_array_equal(np.isnan(value), [True, True, False])
     assert value[2] == pytest.approx(function(np.array([[0.6, 1.0]]))[0][0, 0], abs=1e-3)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,15 +30,15 @@ from capsbayes.model import Domain, ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import Prediction
 from capsbayes.surrogate.membrane import FixedMembraneDomain, MembraneSurrogate, parameter_columns
+from capsbayes.surrogate.plane import COLUMNS as _NUMBERS
+from capsbayes.surrogate.plane import aligned
 
-_NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 _NOTHING = 1e-4  # weight of a known error below which it does not count
 _OF_FLOW = 2  # first parameters, those of the flow
 
 Names = tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
 class CorrectedMembrane(ForwardModel):
     """Forward model over Ca, a/l and the parameters of the membrane, on top of a plain surrogate.
 
@@ -53,32 +53,21 @@ class CorrectedMembrane(ForwardModel):
         Of the same cross-section and view.
     """
 
-    base: ForwardModel
-    joint: MembraneSurrogate
-    _databases: Mapping[Names, str] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        base, joint, shipped = self.base, self.joint, Database.shipped()
-        databases = {(name,): f"{base.cross_section}-{name.replace('_', '-')}" for name in joint.coordinates}
-        made = {
-            "name": f"{base.name} with {joint.name}",
-            "sha256": hashlib.sha256(f"{base.sha256} {joint.sha256}".encode()).hexdigest(),
-            "domain": _CorrectedDomain(self),
-            "cross_section": base.cross_section,
-            "view": base.view,
-            "coordinates": dict(joint.coordinates),
-            "database": base.database,
-            "_databases": {names: database for names, database in databases.items() if database in shipped},
-        }
-        for key, value in made.items():
-            object.__setattr__(self, key, value)
+    def __init__(self, base: ForwardModel, joint: MembraneSurrogate) -> None:
+        self.base, self.joint = base, joint
+        self.name = f"{base.name} with {joint.name}"
+        self.sha256 = hashlib.sha256(f"{base.sha256} {joint.sha256}".encode()).hexdigest()
+        self.domain = _CorrectedDomain(self)
+        self.cross_section, self.view, self.database = base.cross_section, base.view, base.database
+        self.coordinates = dict(joint.coordinates)
+        of_each = {(name,): f"{base.cross_section}-{name.replace('_', '-')}" for name in joint.coordinates}
+        shipped = Database.shipped()
+        self._databases = {names: database for names, database in of_each.items() if database in shipped}
 
     def with_membrane(self) -> CorrectedMembrane:
-        """Return itself."""
         return self
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         values = parameter_columns(theta)
         differ = values[:, _OF_FLOW:] != NULL_VALUES[_OF_FLOW:]
@@ -88,15 +77,10 @@ class CorrectedMembrane(ForwardModel):
         rows = [np.flatnonzero(np.all(differ == kind, axis=1)) for kind in kinds]
         parts = [self._predicted(_chosen(kind), values[some], outline) for kind, some in zip(kinds, rows, strict=True)]
         order = np.argsort(np.concatenate(rows))
-        shapes = [part.outline for part in parts if part.outline is not None]
-        return Prediction(
-            **{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in (*_NUMBERS, "inside")},
-            covariance=np.concatenate([part.covariance for part in parts])[order],
-            outline=np.concatenate(shapes)[order] if shapes else None,
-        )
+        names = (*_NUMBERS, "covariance", "inside", *(["outline"] if outline else []))
+        return Prediction(**{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names})
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals."""
         # These are the errors of the joint surrogate, as far as they are not known, and of the models that know them.
         self.check_names(theta)
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
@@ -120,7 +104,7 @@ class CorrectedMembrane(ForwardModel):
         return np.concatenate([*modes, *(self.outline_modes(**_point(values, (name,))) for name in beyond)])
 
     def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
-        """Return where several parameters differ and the joint surrogate does not hold : (n,) bool array."""
+        # Where several parameters differ and the joint surrogate does not hold.
         values = parameter_columns(theta)
         several = np.count_nonzero(values[:, _OF_FLOW:] != NULL_VALUES[_OF_FLOW:], axis=1) > 1
         within = self._within(values)
@@ -216,9 +200,8 @@ class _CorrectedDomain(Domain):
         return ca, size
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        columns = np.broadcast_arrays(np.atleast_1d(capillary_number), size_ratio, *coordinates)
-        arrays = (np.asarray(column, np.float64) for column in columns)
-        return self.model(dict(zip(FREE_PARAMETERS, arrays, strict=False))).inside
+        columns = aligned(capillary_number, size_ratio, *coordinates)
+        return self.model(dict(zip(FREE_PARAMETERS, columns, strict=False))).inside
 
     def at(self, values: Mapping[str, float]) -> Domain:
         return FixedMembraneDomain(self, dict(values))

@@ -51,7 +51,7 @@ SMALLEST_PIVOT = 1e-14
 _PART = 1000  # queries, at most
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class DiffuseApproximation:
     """Moving least squares over m nodes; a query within the radius of too few nodes gives NaN.
 
@@ -96,20 +96,20 @@ class DiffuseApproximation:
     def __post_init__(self) -> None:
         if self.neighbours >= len(self.nodes):
             raise ValueError(f"neighbours: expected fewer than the {len(self.nodes)} nodes, got {self.neighbours}")
-        object.__setattr__(self, "nodes", np.ascontiguousarray(self.nodes, dtype=np.float64))
-        object.__setattr__(self, "values", np.ascontiguousarray(self.values, dtype=np.float64))
+        self.nodes = np.ascontiguousarray(self.nodes, dtype=np.float64)
+        self.values = np.ascontiguousarray(self.values, dtype=np.float64)
         if self.radii is None:
-            object.__setattr__(self, "radii", self.dilation * _reach(self.nodes, self.neighbours))
+            self.radii = self.dilation * _reach(self.nodes, self.neighbours)
 
     def __call__(self, queries: Floats) -> Floats:
         """Return the values at the queries : (n, 2) -> (n, q) array."""
-        parts = (self._shapes(some, slopes=False)[0] for some in _parted(queries))
+        parts = (self.shape_functions(part) for part in _parted(queries))
         return np.concatenate([_weighted(share, self.values) for share in parts])
 
     def with_gradient(self, queries: Floats) -> tuple[Floats, Floats]:
         """Return the values (n, q) and gradients (n, q, 2) at the queries (n, 2)."""
         values, gradients = [], []
-        for share, slope in (self._shapes(some, slopes=True) for some in _parted(queries)):
+        for share, slope in (self._shapes(part, slopes=True) for part in _parted(queries)):
             values.append(_weighted(share, self.values))
             gradients.append(np.stack([_weighted(along, self.values) for along in slope], axis=-1))
         return np.concatenate(values), np.concatenate(gradients)
@@ -364,17 +364,12 @@ class HermiteTable:
     def of(
         cls,
         function: Callable[[Floats], tuple[Floats, Floats]],
-        low: Floats,
-        high: Floats,
-        *,
-        cells: tuple[int, int],
+        lattice: Floats,
         wanted: Booleans,
     ) -> HermiteTable:
         """Tabulate a function of points (n, 2) with values (n, q), NaN where undefined, and gradients (n, q, 2)."""
-        # Lattice points that are not `wanted` (i, j) stay NaN.
-        axes = [np.linspace(low[k], high[k], cells[k] + 1) for k in range(2)]
-        step = np.array([axis[1] - axis[0] for axis in axes])
-        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        # Points of the regular lattice (i, j, 2) that are not `wanted` (i, j) stay NaN.
+        step = lattice[1, 1] - lattice[0, 0]
         value, gradient = function(lattice[wanted])
         coefficients = np.full((*wanted.shape, 4, value.shape[1]), np.nan)
         coefficients[wanted, 0] = value
@@ -385,7 +380,7 @@ class HermiteTable:
         coefficients[:, :, 3] = np.where(
             np.isnan(ways[0]), ways[1], np.where(np.isnan(ways[1]), ways[0], sum(ways) / 2)
         )
-        return cls(np.asarray(low, dtype=np.float64), step, coefficients)
+        return cls(lattice[0, 0], step, coefficients)
 
     def with_gradient(self, points: Floats) -> tuple[Floats, Floats]:
         """Return values (n, q) and gradients (n, q, 2) at points (n, 2); NaN next to lattice points without values."""

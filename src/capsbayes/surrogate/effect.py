@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import factorial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -18,18 +18,19 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
-from capsbayes.model import CoordinateRange, Domain, ForwardModel
+from capsbayes.model import CoordinateRange, Domain
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.diffuse import hermite
 from capsbayes.surrogate.plane import (
     COLUMNS,
     BranchSurrogate,
+    DatabaseModel,
     OwnError,
     PlaneSurrogate,
+    aligned,
     between_columns,
     bilinear,
-    with_unsure_shapes,
 )
 
 # Interpolation along one coordinate as weights of the values at its knots.
@@ -42,7 +43,6 @@ from capsbayes.surrogate.plane import (
 FEWEST_KNOTS = 3  # without one of them, two still give a slope
 
 
-@dataclass(frozen=True, eq=False)
 class CardinalCubics:
     """Weights of the values at k rising knots, cubics in each of the k - 1 intervals.
 
@@ -51,38 +51,31 @@ class CardinalCubics:
     [-0.0625, 0.5833, 0.5, -0.0208]
     """
 
-    # `cubics` are coefficients, from the constant on, of the weights as polynomials of the distance from the lower
-    # knot; NaN beyond the known knots. `left_out` are, for the known knots at the two ends of an interval, the weights
-    # that give the value there from all other known knots less the value itself, over the root of the number of such
-    # knots: the mean square of the two is the sum of squares. Zero at the first and the last known knot, which others
-    # cannot give.
+    # `cubics` (k - 1, 4, k) are coefficients, from the constant on, of the weights as polynomials of the distance from
+    # the lower knot; NaN beyond the known knots. `left_out` (k - 1, 2, k) are, for the known knots `ends` (k - 1, 2) at
+    # the two ends of an interval, the weights that give the value there from all other known knots less the value
+    # itself, over the root of the number of such knots: the mean square of the two is the sum of squares. Zero at the
+    # first and the last known knot, which others cannot give.
 
-    knots: Floats  # (k,)
-    known: Booleans  # (k,): whether there is a value, at least `FEWEST_KNOTS` of them
-    cubics: Floats = field(init=False, repr=False)  # (k - 1, 4, k)
-    left_out: Floats = field(init=False, repr=False)  # (k - 1, 2, k)
-    ends: Floats = field(init=False, repr=False)  # (k - 1, 2): the known knots next to each interval
-
-    def __post_init__(self) -> None:
-        count, rows = len(self.knots), np.flatnonzero(self.known)
+    def __init__(self, knots: Floats, known: Booleans) -> None:
+        count, rows, one_each = len(knots), np.flatnonzero(known), np.eye(len(knots))
         if len(rows) < FEWEST_KNOTS:
             raise ValueError(f"known: expected at least {FEWEST_KNOTS} knots with a value, got {len(rows)}")
-        cubics, ends = np.full((count - 1, 4, count), np.nan), np.full((count - 1, 2), np.nan)
-        left_out = np.zeros((count - 1, 2, count))
-        spline = _through(self.knots[rows], np.eye(count)[rows])
+        self.knots = knots
+        self.cubics, self.ends = np.full((count - 1, 4, count), np.nan), np.full((count - 1, 2), np.nan)
+        self.left_out = np.zeros((count - 1, 2, count))
+        spline = _through(knots[rows], one_each[rows])
         for i in range(rows[0], rows[-1]):
             for power in range(4):
-                cubics[i, power] = spline(self.knots[i], nu=power) / factorial(power)
+                self.cubics[i, power] = spline(knots[i], nu=power) / factorial(power)
             around = rows[rows <= i][-1], rows[rows > i][0]
-            ends[i] = self.knots[list(around)]
+            self.ends[i] = knots[list(around)]
             inner = [rows[0] < end < rows[-1] for end in around]
             for side, end in enumerate(around):
                 if inner[side]:
                     others = rows[rows != end]
-                    rest = _through(self.knots[others], np.eye(count)[others])
-                    left_out[i, side] = (rest(self.knots[end]) - np.eye(count)[end]) / np.sqrt(sum(inner))
-        for name, value in {"cubics": cubics, "left_out": left_out, "ends": ends}.items():
-            object.__setattr__(self, name, value)
+                    rest = _through(knots[others], one_each[others])
+                    self.left_out[i, side] = (rest(knots[end]) - one_each[end]) / np.sqrt(sum(inner))
 
     def weights(self, place: float) -> Floats:
         """Return the weights of the values at the knots in the value at a place : (k,) array, NaN beyond the known."""
@@ -553,25 +546,20 @@ class EffectDomain(Domain):
             return np.asarray(self.scale.place(np.asarray(value, dtype=np.float64)))
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         effect = self.place(coordinates[0] if coordinates else self.ends.null_value)
-        arrays = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio), effect)
-        ca, size, place = (np.ascontiguousarray(array, np.float64) for array in arrays)
+        ca, size, place = aligned(capillary_number, size_ratio, effect)
         return np.asarray(covered(ca, size, place, self.weighing), dtype=np.bool_)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around the domains of all slices, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         with np.errstate(divide="ignore"):
             boxes = [FixedDomain(self, value).bounds for value in self.scale.value(self.weighing.knots)]
         return (min(box[0][0] for box in boxes), max(box[0][1] for box in boxes)), boxes[0][1]
 
     def at(self, values: Mapping[str, float]) -> Domain:
-        """Return the part of the plane at one value of the effect."""
         return FixedDomain(self, values[self.coordinate]) if self.coordinate in values else self
 
     def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
-        """Say why a point lies outside the domain."""
         del capillary_number, size_ratio
         value = coordinates.get(self.coordinate, self.ends.null_value)
         low, high = self.ends.low, self.ends.high
@@ -593,13 +581,11 @@ class FixedDomain(Domain):
     value: float
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         del coordinates
         return self.whole.contains(capillary_number, size_ratio, self.value)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around it, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         borders, columns = self.whole.borders(self.value), self.whole.weighing.columns
         return (float(borders[0].min()), float(borders[2].max())), (float(columns[0]), float(columns[-1]))
 
@@ -616,8 +602,7 @@ SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading 
 _STACKS: WeakKeyDictionary[PlaneSurrogate, Stack] = WeakKeyDictionary()  # of the bases
 
 
-@dataclass(frozen=True, eq=False)
-class EffectSurrogate(ForwardModel):
+class EffectSurrogate(DatabaseModel):
     """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
 
     Parameters
@@ -635,15 +620,11 @@ class EffectSurrogate(ForwardModel):
         Where it has an answer: for parachutes and for convex shapes between the values that have them.
     """
 
-    effect_database: Database
-    slices: tuple[PlaneSurrogate, ...] = field(repr=False)
-    base: PlaneSurrogate = field(repr=False)
-    domain: EffectDomain = field(init=False, repr=False)
-    _stack: Stack = field(init=False, repr=False)
-    _base_stack: Stack = field(init=False, repr=False)
+    domain: EffectDomain
 
-    def __post_init__(self) -> None:
-        database, slices, base = self.effect_database, self.slices, self.base
+    def __init__(self, effect_database: Database, slices: tuple[PlaneSurrogate, ...], base: PlaneSurrogate) -> None:
+        self.effect_database, self.slices, self.base = effect_database, slices, base
+        database = effect_database
         if base.cross_section != database.dataset.attrs["cross_section"]:
             expected = f"a {database.dataset.attrs['cross_section']} cross-section"
             raise DatabaseError(f"base of {database.effect!r}: expected {expected}, got {base.name}")
@@ -657,30 +638,18 @@ class EffectSurrogate(ForwardModel):
         moving = moving_borders(knots, borders, null, base_borders)
         folds = common_folds(borders, base_borders)
         weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, borders, scale))
-        coordinate = database.effect
+        self.coordinate = database.effect
         ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
-        made = {
-            "name": f"{base.name} with {coordinate}",
-            "sha256": hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest(),
-            "domain": EffectDomain(weighing, scale, coordinate, ends),
-            "cross_section": base.cross_section,
-            "view": base.view,
-            "coordinates": {coordinate: ends},
-            "database": base.database,
-            "_stack": _stacked(slices, borders, null),
-            "_base_stack": _shared(base, _stacked([base], [base_borders], 0)),
-        }
-        for name, value in made.items():
-            object.__setattr__(self, name, value)
+        self.name = f"{base.name} with {self.coordinate}"
+        self.sha256 = hashlib.sha256(f"{base.sha256} {database.sha256}".encode()).hexdigest()
+        self.domain = EffectDomain(weighing, scale, self.coordinate, ends)
+        self.cross_section, self.view, self.database = base.cross_section, base.view, base.database
+        self.coordinates = {self.coordinate: ends}
+        self._stack = _stacked(slices, borders, null)
+        self._base_stack = _shared(base, _stacked([base], [base_borders], 0))
         self._base_stack.differences[:] = self._mesh_differences()
 
-    @property
-    def coordinate(self) -> str:
-        """Name of the coordinate that is added to (Ca, a/l), as in `capsbayes.parameters`."""
-        return self.effect_database.effect
-
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch, at the null value without the coordinate; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
         ca, size, place = self._points(theta)
         values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
@@ -688,11 +657,10 @@ class EffectSurrogate(ForwardModel):
         tables = self._stack, self._base_stack, self.domain.weighing
         evaluate(ca, size, place, *tables, values, covariance, inside)
         shapes = self._outlines(ca, size, place) if outline else None
-        columns = values.T.copy()
-        return Prediction(columns[0], columns[1], columns[2], columns[3], covariance, inside, shapes)
+        extent, length, velocity, stretch = values.T.copy()
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals."""
         # As in the covariance of a prediction: errors of the base, weighted errors of the slices, that of the
         # interpolation between the slices, and that of the mesh where it may change with the effect.
         self.check_names(theta)
@@ -726,24 +694,26 @@ class EffectSurrogate(ForwardModel):
             far = np.hypot(far, min(beyond, 1.0))
         return np.concatenate([*modes, bump * left_out @ along[:-2], far * (along[-1] - along[-2])[None]])
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return the caveats of the two slices next to each point, at the points of these that correspond to it."""
-        ca, size, place = self._points(theta)
-        knots, points = self.domain.weighing.knots, np.arange(len(ca))
+    def case_caveats(self, points: Mapping[str, Floats]) -> dict[str, Booleans]:
+        # Those of the two slices next to each point, at the points of these that correspond to it.
+        ca, size, place = self._points(points)
+        knots, rows = self.domain.weighing.knots, np.arange(len(ca))
         branches, there, *_ = self._corresponding(ca, size, place)
         there[branches < 0] = ca[branches < 0, None]
-        each = [surrogate.case_caveats(there[:, j], size) for j, surrogate in enumerate(self.slices)]
+        each = [
+            surrogate.case_caveats({"capillary_number": there[:, j], "size_ratio": size})
+            for j, surrogate in enumerate(self.slices)
+        ]
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         combined = {}
         for kind in sorted({kind for caveats in each for kind in caveats}):
             of_slice = np.stack([caveats.get(kind, np.zeros(len(ca), dtype=np.bool_)) for caveats in each])
-            combined[kind] = of_slice[below, points] | (of_slice[below + 1, points] & (place > knots[below]))
-        return with_unsure_shapes(combined, self({name: np.asarray(values) for name, values in theta.items()}))
+            combined[kind] = of_slice[below, rows] | (of_slice[below + 1, rows] & (place > knots[below]))
+        return combined
 
     def _points(self, theta: Mapping[str, ArrayLike]) -> list[Floats]:
         effect = self.domain.place(theta.get(self.coordinate, self.domain.ends.null_value))
-        arrays = (np.atleast_1d(theta["capillary_number"]), np.atleast_1d(theta["size_ratio"]), effect)
-        return [np.array(array, np.float64) for array in np.broadcast_arrays(*arrays)]
+        return aligned(theta["capillary_number"], theta["size_ratio"], effect)
 
     @property
     def _surrogates(self) -> list[PlaneSurrogate]:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
@@ -52,15 +51,15 @@ def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
         return Linearised(points, (values - wanted[rows]) / _UNIT, gradients / _UNIT)
 
     nowhere = np.full(wanted.shape, np.nan)
-    found = Linearised(nowhere, nowhere.copy(), np.full((*wanted.shape, 2), np.nan))
+    nearest = Linearised(nowhere, nowhere.copy(), np.full((*wanted.shape, 2), np.nan))
     misfit = np.full(len(wanted), np.inf)
     for start in np.asarray(starts, dtype=np.float64):
         rows = np.flatnonzero(misfit >= _EXACT)
         if not len(rows):
             break
-        found.take_better(rows, minimise(evaluate, evaluate(start[rows], rows), rows, _LONGEST, _STEPS))
-        misfit = np.nan_to_num(_UNIT * np.abs(found.residuals).max(axis=1), nan=np.inf)
-    return Inversion(found.points, misfit, misfit < _EXACT)
+        nearest.take_better(rows, minimise(evaluate, evaluate(start[rows], rows), rows, _LONGEST, _STEPS))
+        misfit = np.nan_to_num(_UNIT * np.abs(nearest.residuals).max(axis=1), nan=np.inf)
+    return Inversion(nearest.points, misfit, misfit < _EXACT)
 
 
 # Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
@@ -86,7 +85,6 @@ DISTANCE_WEIGHTS = (0.05, 1.0)
 FEWEST_NEIGHBOURS = 5  # three unknowns, and the farthest neighbour has no weight
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityTriangulation:
     """Piecewise linear v_o/U over the Delaunay triangles of the cases, as in "Interpolation" of the paper.
 
@@ -96,15 +94,13 @@ class VelocityTriangulation:
     2.0
     """
 
-    parameters: Floats  # (c, 2): columns (Ca, a/l), unscaled as in the paper
-    velocity_ratio: Floats  # (c,)
-    _hull: NDArray[np.int32] = field(init=False, repr=False)
-    _within: LinearNDInterpolator = field(init=False, repr=False)
+    # Of values (c,) at columns (Ca, a/l), unscaled as in the paper.
 
-    def __post_init__(self) -> None:
-        triangles = Delaunay(self.parameters)
-        object.__setattr__(self, "_hull", triangles.convex_hull)
-        object.__setattr__(self, "_within", LinearNDInterpolator(triangles, self.velocity_ratio))
+    def __init__(self, parameters: Floats, velocity_ratio: Floats) -> None:
+        self.parameters, self.velocity_ratio = parameters, velocity_ratio
+        triangles = Delaunay(parameters)
+        self._hull = triangles.convex_hull
+        self._within = LinearNDInterpolator(triangles, velocity_ratio)
 
     def __call__(self, capillary_number: float, size_ratio: float) -> float:
         """Return the weighted mean of v_o/U at the vertices of the triangle that contains the point."""
@@ -114,12 +110,11 @@ class VelocityTriangulation:
         return self._on_the_hull(point) if np.isnan(within) else within
 
     def _on_the_hull(self, point: Floats) -> float:
-        edges = self._hull
-        start, stop = self.parameters[edges[:, 0]], self.parameters[edges[:, 1]]
+        start, stop = self.parameters[self._hull].swapaxes(0, 1)
         along = stop - start
         share = np.clip(np.sum((point - start) * along, axis=1) / np.sum(along**2, axis=1), 0.0, 1.0)
         nearest = int(np.argmin(np.sum((start + share[:, None] * along - point) ** 2, axis=1)))
-        ends = self.velocity_ratio[edges[nearest]]
+        ends = self.velocity_ratio[self._hull[nearest]]
         return float((1 - share[nearest]) * ends[0] + share[nearest] * ends[1])
 
 
@@ -157,7 +152,7 @@ class InverseResult:
         return _centred(self.profile).hausdorff(_centred(observed)) / self.size_ratio
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Inverse:
     """Inverse procedure over given cases; `inverse` makes one from a database.
 
@@ -180,13 +175,12 @@ class Inverse:
     velocity_ratio: Floats
     contours: Floats
     neighbours: int = 14
-    _velocity: VelocityTriangulation = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not FEWEST_NEIGHBOURS <= self.neighbours <= len(self.parameters):
             expected = f"an integer from {FEWEST_NEIGHBOURS} to the number of cases, {len(self.parameters)}"
             raise InputError("inverse", "neighbours", expected, str(self.neighbours))
-        object.__setattr__(self, "_velocity", VelocityTriangulation(self.parameters, self.velocity_ratio))
+        self._velocity = VelocityTriangulation(self.parameters, self.velocity_ratio)
 
     def __call__(self, *, axial_extent: float, axial_length: float) -> InverseResult:
         """Identify one capsule.

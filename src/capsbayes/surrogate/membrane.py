@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 from typing import NamedTuple
 
@@ -16,10 +16,10 @@ from scipy.spatial import KDTree
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.measurement import MID_PLANE, check_view
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, MembraneDatabase, covered
-from capsbayes.model import CoordinateRange, Domain, ForwardModel
+from capsbayes.model import CoordinateRange, Domain
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
-from capsbayes.surrogate.plane import with_unsure_shapes
+from capsbayes.surrogate.plane import OUTLINES, DatabaseModel, aligned
 
 # Coordinates in which what is seen of a capsule depends smoothly on the parameters of flow and membrane.
 #
@@ -361,6 +361,8 @@ def _slopes(away: Floats) -> Floats:
 
 # Domain of existence of the surrogate over the membrane's parameters
 
+_PLAIN = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class MembraneDomain(Domain):
@@ -372,26 +374,20 @@ class MembraneDomain(Domain):
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around it, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         return RANGES[0], RANGES[1]
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *further: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain : (n,) bool array; NaN is outside."""
         columns = (capillary_number, size_ratio, *further, *NULL_VALUES[2 + len(further) :])
-        arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(column, np.float64)) for column in columns))
-        values = np.stack(arrays, axis=1)
+        values = np.stack(aligned(*columns), axis=1)
         inside = covered(values, self.cross_section)
         inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:5])
         return inside
 
     def at(self, values: Mapping[str, float]) -> Domain:
-        """Return the domain over (Ca, a/l) at given values of further coordinates."""
         return FixedMembraneDomain(self, dict(values))
 
     def reason(self, capillary_number: float, size_ratio: float, **further: float) -> str:
-        """Say why a point lies outside the domain."""
-        known = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | further
-        known |= {"capillary_number": capillary_number, "size_ratio": size_ratio}
+        known = _PLAIN | further | {"capillary_number": capillary_number, "size_ratio": size_ratio}
         for name, (low, high) in zip(FREE_PARAMETERS, RANGES, strict=True):
             if not low <= known[name] <= high:
                 return f"{name} = {known[name]:.4g} lies outside {low:.4g} to {high:.4g}"
@@ -407,25 +403,17 @@ class FixedMembraneDomain(Domain):
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around the whole, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         return self.whole.bounds
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *further: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain : (n,) bool array; NaN is outside."""
         others = [name for name in FREE_PARAMETERS[2:] if name not in self.held]
-        known = (
-            dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
-            | dict(self.held)
-            | dict(zip(others, further, strict=False))
-        )
+        known = _PLAIN | dict(self.held) | dict(zip(others, further, strict=False))
         return self.whole.contains(capillary_number, size_ratio, *(known[name] for name in FREE_PARAMETERS[2:]))
 
     def at(self, values: Mapping[str, float]) -> Domain:
-        """Return the part at given values of further parameters too."""
         return FixedMembraneDomain(self.whole, {**self.held, **values})
 
     def reason(self, capillary_number: float, size_ratio: float, **further: float) -> str:
-        """Say why a point lies outside the domain."""
         return self.whole.reason(capillary_number, size_ratio, **{**self.held, **further})
 
 
@@ -443,8 +431,7 @@ the least power of two with which the drawn picture of the README (refinement 12
 _VARIANCE = OF_THE_MESH * _ERROR**2  # of the error, over that of the local polynomials
 
 
-@dataclass(frozen=True, eq=False)
-class MembraneSurrogate(ForwardModel):
+class MembraneSurrogate(DatabaseModel):
     """Forward model over six parameters, by diffuse approximation of scattered states with their derivatives.
 
     Parameters
@@ -462,33 +449,25 @@ class MembraneSurrogate(ForwardModel):
     True
     """
 
-    membrane_database: MembraneDatabase
-    view: str = MID_PLANE
-    _fits: LocalFits = field(init=False, repr=False)
-    _frame: Frame = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        states = self.membrane_database
-        values, kind = states["values"], "profile" if self.view == MID_PLANE else "silhouette"
-        frame = Frame.of(values)
-        both = np.concatenate([states["numbers"], states[kind]], axis=1)
-        along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
-        fits = local_fits(frame.points(values), both, frame.slopes(values, along), frame.points(states["lost"]))
-        ranges = {
+    def __init__(self, membrane_database: MembraneDatabase, view: str = MID_PLANE) -> None:
+        self.membrane_database, self.view = membrane_database, check_view(view, "MembraneSurrogate", "view")
+        states, kind = membrane_database, OUTLINES[view]
+        self.name = f"{states.cross_section}-membrane"
+        self.sha256, self.cross_section = states.sha256, states.cross_section
+        self.coordinates = {
             name: CoordinateRange(*ends, null, name in _LOGARITHMIC)
             for name, ends, null in zip(FREE_PARAMETERS[2:], RANGES[2:], NULL_VALUES[2:], strict=True)
         }
-        made = {
-            "name": f"{states.cross_section}-membrane",
-            "sha256": states.sha256,
-            "domain": MembraneDomain(frame, fits, states.cross_section),
-            "cross_section": states.cross_section,
-            "coordinates": ranges,
-            "_fits": fits,
-            "_frame": frame,
-        }
-        for key, value in made.items():
-            object.__setattr__(self, key, value)
+        self.stored_coefficients = states[kind]  # (states, k) [l]: of the modes of each stored outline
+        self.mode_shapes, self._mean = states[f"{kind}_modes"], states[f"{kind}_mean"]  # (k, p, 2), (p, 2) [l]
+        self._frame = Frame.of(states["values"])
+        numbers = np.concatenate([states["numbers"], self.stored_coefficients], axis=1)
+        along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
+        places, slopes = self._frame.points(states["values"]), self._frame.slopes(states["values"], along)
+        self._fits = local_fits(places, numbers, slopes, self._frame.points(states["lost"]))
+        self._width = numbers.shape[1]
+        self._change = _CHANGES * float(np.median(self._fits.reaches))  # over it its own error changes
+        self.domain = MembraneDomain(self._frame, self._fits, states.cross_section)
 
     @classmethod
     def open(cls, source: str | os.PathLike[str], *, view: str = MID_PLANE) -> MembraneSurrogate:
@@ -501,19 +480,13 @@ class MembraneSurrogate(ForwardModel):
         InputError
             On an unknown view.
         """
-        return cls(MembraneDatabase.open(source), check_view(view, "MembraneSurrogate", "view"))
+        return cls(MembraneDatabase.open(source), view)
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         means, covariances, _ = self._averaged(theta, self._width if outline else _NUMBERS, _ERRING)
         return self._prediction(means, covariances, outline=outline)
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
-        return with_unsure_shapes({}, self({name: np.atleast_1d(np.asarray(v, float)) for name, v in theta.items()}))
-
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals."""
         # One for each local polynomial that contributes at the point: the difference of its prediction from the mean.
         self.check_names(theta)
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
@@ -614,29 +587,6 @@ class MembraneSurrogate(ForwardModel):
         along = self._frame.points(places)[:, column]
         return np.asarray(np.abs(along[1:] - along[0]) / self._change)
 
-    @property
-    def mode_shapes(self) -> Floats:
-        """Displacements of the outline's vertices by each mode : (k, p, 2) array."""
-        return self.membrane_database["profile_modes" if self.view == MID_PLANE else "silhouette_modes"]
-
-    @property
-    def stored_coefficients(self) -> Floats:
-        """Coefficients of the modes for each stored state : (states, k) array [l]."""
-        return self.membrane_database["profile" if self.view == MID_PLANE else "silhouette"]
-
-    @property
-    def _change(self) -> float:
-        """Distance in scaled coordinates over which its own error changes."""
-        return _CHANGES * float(np.median(self._fits.reaches))
-
-    @property
-    def _mean(self) -> Floats:
-        return self.membrane_database["profile_mean" if self.view == MID_PLANE else "silhouette_mean"]
-
-    @property
-    def _width(self) -> int:
-        return self._fits.coefficients.shape[1]
-
     def _averaged(
         self, theta: Mapping[str, Floats], width: int, spread: int, *, slopes: bool = False
     ) -> tuple[Floats, Floats, Floats]:
@@ -669,10 +619,5 @@ def _spread_out(rows: Floats, inside: Booleans) -> Floats:
 def parameter_columns(theta: Mapping[str, ArrayLike]) -> Floats:
     """Return the parameters (n, 6) of a batch, at their null values where they are not given."""
     count = np.shape(theta["capillary_number"])
-    return np.stack(
-        [
-            np.broadcast_to(np.asarray(theta.get(name, null), np.float64), count)
-            for name, null in zip(FREE_PARAMETERS, NULL_VALUES, strict=True)
-        ],
-        axis=1,
-    )
+    columns = (np.asarray(theta.get(name, null), np.float64) for name, null in _PLAIN.items())
+    return np.stack([np.broadcast_to(column, count) for column in columns], axis=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,7 +19,6 @@ _PLAIN = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True)) | {"law": PLAIN_LA
 _PLAIN |= {"rest_aspect": 1.0, "corner_radius": 0.0, "section_aspect": 1.0}
 
 
-@dataclass(frozen=True, eq=False)
 class Surrogate(PlaneSurrogate):
     """Forward model (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline) over a database.
 
@@ -111,15 +109,9 @@ class Surrogate(PlaneSurrogate):
         )
 
     def joined(self, effect_database: str) -> EffectSurrogate:
-        """Return the model with a shipped effect database as a further coordinate, and this one as its base."""
         return joint_surrogate(effect_database, self, self.view)
 
     def with_membrane(self) -> CorrectedMembrane | None:
-        """Return the model with the parameters of the membrane as further coordinates.
-
-        None if its capsules are not the plain ones, or if no states over the membrane come with the library for its
-        cross-section.
-        """
         return corrected_membrane(self)
 
 

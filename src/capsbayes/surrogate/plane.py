@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -38,6 +38,11 @@ from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rota
 # It is the union of one region for each branch of steady shapes, each between two
 # polygonal lines over a/l. Outside, the approximation has no answer: nothing is
 # extrapolated
+
+
+def aligned(*values: ArrayLike) -> list[Floats]:
+    """Return numbers and arrays as new arrays (n,) of one length."""
+    return [np.array(each, np.float64) for each in np.broadcast_arrays(*map(np.atleast_1d, values))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +86,6 @@ class DomainOfExistence(Domain):
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest box around the domain, ``((ca_min, ca_max), (size_min, size_max))`` [-]."""
         lowest = min(float(region.lowest.min()) for region in self.regions)
         highest = max(float(region.highest.max()) for region in self.regions)
         first = min(float(region.size_ratio[0]) for region in self.regions)
@@ -89,22 +93,18 @@ class DomainOfExistence(Domain):
         return (lowest, highest), (first, last)
 
     def contains(self, capillary_number: ArrayLike, size_ratio: ArrayLike, *coordinates: ArrayLike) -> Booleans:
-        """Return whether each point lies in the domain, borders included : (n,) bool array; NaN is outside."""
         del coordinates
-        ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
-        ca, size = np.ascontiguousarray(ca, np.float64), np.ascontiguousarray(size, np.float64)
+        ca, size = aligned(capillary_number, size_ratio)
         inside = np.zeros(len(ca), dtype=np.bool_)
         for region in self.regions:
             inside |= region.contains(ca, size)
         return inside
 
     def is_limit_of_existence(self, size_ratio: float) -> bool:
-        """Return whether no steady shape exists above the highest Ca at this a/l, as opposed to none computed."""
         top = max(self._at(size_ratio), key=lambda region: region.borders(size_ratio)[1], default=None)
         return top is not None and bool(top.limit[int(np.argmin(np.abs(top.size_ratio - size_ratio)))])
 
     def reason(self, capillary_number: float, size_ratio: float, **coordinates: float) -> str:
-        """Say on which side of the domain a point outside it lies."""
         del coordinates
         first, last = self.bounds[1]
         if not (np.isfinite(capillary_number) and np.isfinite(size_ratio)):
@@ -275,28 +275,25 @@ OF_LEFT_OUT = 0.7  # error next to a case over that where the case is left out
 SOFTENING = 1.0  # a case counts about a fifth of the mean at its own place
 
 
-@dataclass(frozen=True, eq=False)
 class OwnError:
-    """Covariance as a function of the point, derived from residuals."""
+    """Covariance as a function of the point in the plane of the approximation, derived from residuals."""
 
-    nodes: Floats  # (m, 2): positions of the cases in the plane of the approximation
-    residuals: Floats  # (m, 3): leave-one-out, of (L_z, L_a, v_o/U); NaN counts as the largest of all
-    _field: DiffuseApproximation = field(init=False, repr=False)
+    # `nodes` (m, 2) are the places of the cases, `residuals` (m, 3) the leave-one-out ones of (L_z, L_a, v_o/U); NaN
+    # counts as the largest of all.
 
-    def __post_init__(self) -> None:
-        known = np.isfinite(self.residuals)
-        largest = np.where(known, np.abs(self.residuals), 0.0).max(axis=0)
-        residuals = np.where(known, self.residuals, largest)
+    def __init__(self, nodes: Floats, residuals: Floats) -> None:
+        known = np.isfinite(residuals)
+        largest = np.where(known, np.abs(residuals), 0.0).max(axis=0)
+        residuals = np.where(known, residuals, largest)
         products = residuals[:, :, None] * residuals[:, None, :]
-        smooth = DiffuseApproximation(
-            self.nodes,
+        self._field = DiffuseApproximation(
+            nodes,
             products.reshape(len(products), 9),
             degree=0,
-            neighbours=min(NEIGHBOURS, len(self.nodes) - 1),
+            neighbours=min(NEIGHBOURS, len(nodes) - 1),
             dilation=DILATION,
             softening=SOFTENING,
         )
-        object.__setattr__(self, "_field", smooth)
 
     def shares(self, queries: Floats) -> Floats:
         """Return the non-negative share of each case in the mean at points of the plane : (n, 2) -> (n, m) array."""
@@ -351,14 +348,6 @@ class Caveats:
         return caveats
 
 
-def with_unsure_shapes(caveats: dict[str, Booleans], predicted: Prediction) -> dict[str, Booleans]:
-    """Add the caveat of points with a large stated error, if there are any."""
-    lengths = predicted.values[:, :2]
-    variances = np.diagonal(predicted.covariance, axis1=1, axis2=2)[:, :2]
-    unsure: Booleans = np.asarray((variances > (UNSURE * lengths) ** 2).any(axis=1))
-    return caveats | {UNSURE_SHAPES: unsure} if unsure.any() else caveats
-
-
 def _two_shapes(database: Database) -> Region | None:
     """Return the region below the highest snap-through of a column and its neighbours, None without two columns."""
     # At which Ca the membrane buckles varies at random. In a column where the branch from rest was lost before any
@@ -388,47 +377,38 @@ FLOOR = 1e-5  # of each standard deviation: several times the table's own error
 BASES = ((60, 4, 20), (15, 3, 12), (9, 2, 8), (0, 1, 5))  # from how many cases on (in more columns than), degree, k
 
 
-@dataclass(frozen=True, eq=False)
 class BranchSurrogate:
     """Forward map of one branch, from the converged cases that belong to it."""
 
-    cases: Database
-    branch: Branch
-    scaling: PlaneScaling  # of the plane of the approximation
-    rival: DiffuseApproximation | None = None  # of the other branch: in the gap their difference is part of the error
-    cells: tuple[int, int] = CELLS  # of the table along sqrt(Ca) and a/l
-    view: str = MID_PLANE  # one of `OUTLINES`
-    approximation: DiffuseApproximation = field(init=False, repr=False)
-    table: HermiteTable = field(init=False, repr=False)
-    lattice_covariance: Floats = field(init=False, repr=False)
-    lattice_jump: Floats = field(init=False, repr=False)
-    _outlines: DiffuseApproximation = field(init=False, repr=False)
-    _frame: tuple[Any, ...] = field(init=False, repr=False)
+    # `scaling` is that of the plane of the approximation, `rival` the approximation of the other branch: in the gap
+    # their difference is part of the error. `cells` are those of the table along sqrt(Ca) and a/l.
 
-    def __post_init__(self) -> None:
-        region, rows = self.branch.region, self.branch.rows
-        lattice, wanted = _lattice(region, self.scaling, self.cells)
+    def __init__(
+        self,
+        cases: Database,
+        branch: Branch,
+        scaling: PlaneScaling,
+        rival: DiffuseApproximation | None = None,
+        cells: tuple[int, int] = CELLS,
+        view: str = MID_PLANE,
+    ) -> None:
+        self.branch, self.scaling, self.view = branch, scaling, view
+        self.cases = Database(cases.dataset.drop_vars(list(OUTLINES.values())))  # the outlines take most memory
+        region, rows = branch.region, branch.rows
+        self._lattice, self._wanted = _lattice(region, scaling, cells)
         try:
-            approximation = approximation_of(self.cases, self.branch, self.scaling).covering(_probes(lattice, wanted))
-            approximation = approximation.covering(_within(lattice, region, self.scaling), LARGEST_WEIGHTS)
+            approximation = approximation_of(cases, branch, scaling).covering(_probes(self._lattice, self._wanted))
+            self.approximation = approximation.covering(_within(self._lattice, region, scaling), LARGEST_WEIGHTS)
         except ValueError as error:
-            raise DatabaseError(f"the {self.branch.name} cases cannot be approximated: {error}") from error
-        low, high = lattice[0, 0], lattice[-1, -1]
-        outlines = self.cases[OUTLINES[self.view]][rows].reshape(len(rows), -1)
-        table = HermiteTable.of(approximation.with_gradient, low, high, cells=self.cells, wanted=wanted)
-        steps = (self.scaling.ca_step, self.scaling.size_step, *table.origin, *table.step)
-        made = {
-            "cases": Database(self.cases.dataset.drop_vars(list(OUTLINES.values()))),  # the outlines take most memory
-            "approximation": approximation,
-            "table": table,
-            "_outlines": replace(approximation, values=outlines),
-            "_frame": (region.size_ratio, region.lowest, region.highest, *(float(step) for step in steps)),
-        }
-        for name, value in made.items():
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "lattice_jump", self._jumps(lattice, wanted))
+            raise DatabaseError(f"the {branch.name} cases cannot be approximated: {error}") from error
+        self._outlines = replace(self.approximation, values=cases[OUTLINES[view]][rows].reshape(len(rows), -1))
+        self.table = HermiteTable.of(self.approximation.with_gradient, self._lattice, self._wanted)
+        steps = scaling.ca_step, scaling.size_step, *self.table.origin, *self.table.step
+        self.frame = tuple(float(step) for step in steps)
+        self._borders = region.size_ratio, region.lowest, region.highest
+        self.lattice_jump = self._jumps(rival)
         own = self._with_mesh_error(self.on_lattice(self._own_error))
-        object.__setattr__(self, "lattice_covariance", own + self.lattice_jump)
+        self.lattice_covariance = own + self.lattice_jump
 
     def _with_mesh_error(self, covariance: Floats) -> Floats:
         """Add the error of the mesh to a covariance on the table's lattice."""
@@ -436,13 +416,14 @@ class BranchSurrogate:
         covariance[..., range(3), range(3)] += (mesh_error_of(self.cases.dataset.attrs) * values) ** 2
         return covariance
 
-    def _jumps(self, lattice: Floats, wanted: Booleans) -> Floats:
+    def _jumps(self, rival: DiffuseApproximation | None) -> Floats:
         """Return the error in the gap of the branch on the table's lattice, zero elsewhere."""
+        lattice, wanted = self._lattice, self._wanted
         covariance = np.zeros((*wanted.shape, 3, 3))
-        if self.rival is not None and self.branch.gap is not None:
+        if rival is not None and self.branch.gap is not None:
             ca, size = self.scaling.from_plane(lattice.reshape(-1, 2)).T.copy()
             in_gap = self.branch.gap.contains(ca, size).reshape(wanted.shape) & wanted
-            jump = _jump(self.rival, lattice[in_gap], self.table.coefficients[in_gap][:, 0, :3])
+            jump = _jump(rival, lattice[in_gap], self.table.coefficients[in_gap][:, 0, :3])
             covariance[in_gap] = jump[:, :, None] * jump[:, None, :] / 2  # either branch with the same probability
         return covariance
 
@@ -455,9 +436,8 @@ class BranchSurrogate:
 
     def on_lattice(self, error: OwnError) -> Floats:
         """Return an error on the table's lattice : (i, j, 3, 3) array."""
-        lattice, wanted = _lattice(self.branch.region, self.scaling, self.cells)
-        covariance = np.full((*wanted.shape, 3, 3), np.nan)
-        covariance[wanted] = error.covariance(lattice[wanted])
+        covariance = np.full((*self._wanted.shape, 3, 3), np.nan)
+        covariance[self._wanted] = error.covariance(self._lattice[self._wanted])
         covariance[..., range(3), range(3)] += FLOOR**2
         return covariance
 
@@ -468,12 +448,8 @@ class BranchSurrogate:
 
     def predict(self, ca: Floats, size: Floats, values: Floats, covariance: Floats, inside: Booleans) -> None:
         """Fill in values (n, 4), covariance (n, 3, 3) and inside (n,) at the points that lie in the region."""
-        _predict(ca, size, self._frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
-
-    @property
-    def frame(self) -> tuple[float, ...]:
-        """Steps of the scaling along sqrt(Ca) and a/l, origin of the table (2), its steps (2)."""
-        return self._frame[3:]
+        frame = *self._borders, *self.frame
+        _predict(ca, size, frame, self.table.coefficients, self.lattice_covariance, values, covariance, inside)
 
     def slopes(self, ca: Floats, size: Floats) -> Floats:
         """Return the derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) at points of the region : (n, 3, 2) array."""
@@ -620,64 +596,65 @@ def bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
 # regions there is no answer
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneSurrogate(ForwardModel):
+class DatabaseModel(ForwardModel):
+    """Forward model made of stored shapes, which says of its own error where it is large."""
+
+    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
+        points = {name: np.atleast_1d(np.asarray(theta[name], np.float64)) for name in self.names if name in theta}
+        caveats, predicted = self.case_caveats(points), self(points)
+        variances = np.diagonal(predicted.covariance, axis1=1, axis2=2)[:, :2]
+        unsure: Booleans = np.asarray((variances > (UNSURE * predicted.values[:, :2]) ** 2).any(axis=1))
+        return caveats | {UNSURE_SHAPES: unsure} if unsure.any() else caveats
+
+    def case_caveats(self, points: Mapping[str, Floats]) -> dict[str, Booleans]:
+        """Return by kind whether a caveat of the stored shapes concerns each point : (n,) arrays."""
+        del points
+        return {}
+
+
+class PlaneSurrogate(DatabaseModel):
     """Forward model (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline) over a database; parameters as of `Surrogate`."""
 
-    database: Database = field()
-    cells: tuple[int, int] = CELLS
-    view: str = MID_PLANE
-    domain: DomainOfExistence = field(init=False, repr=False)
-    branches: tuple[BranchSurrogate, ...] = field(init=False, repr=False)
-    case_caveats: Caveats = field(init=False, repr=False)
+    domain: DomainOfExistence
+    database: Database
 
-    def __post_init__(self) -> None:
-        view = check_view(self.view, "Surrogate", "view")
-        if not isinstance(self.database, Database):
+    def __init__(self, database: Database, cells: tuple[int, int] = CELLS, view: str = MID_PLANE) -> None:
+        self.cells, self.view = cells, check_view(view, "Surrogate", "view")
+        if not isinstance(database, Database):
             advice = "open it first: Database.open(...)"
-            raise InputError("Surrogate", "database", "a Database", repr(self.database)[:60], advice)
-        cases, attributes = self.database.converged, self.database.dataset.attrs
-        branches = branches_of(self.database)
+            raise InputError("Surrogate", "database", "a Database", repr(database)[:60], advice)
+        cases, attributes = database.converged, database.dataset.attrs
+        branches = branches_of(database)
         scaling = PlaneScaling.of(cases["capillary_number"], cases["size_ratio"])
         smooth = [approximation_of(cases, branch, scaling) for branch in branches]
         rivals = smooth[::-1] if len(branches) == 2 else [None]
-        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['cross_section']}-{attributes['law']}".lower())
 
         def smoothed(branch: Branch, rival: DiffuseApproximation | None) -> BranchSurrogate:
-            return BranchSurrogate(cases, branch, scaling, rival, self.cells, view)
+            return BranchSurrogate(cases, branch, scaling, rival, cells, view)
 
         with ThreadPoolExecutor() as pool:  # most of it is compiled, and runs on one core for each branch
-            parts = tuple(pool.map(smoothed, branches, rivals))
-        made = {
-            "name": name if view == MID_PLANE else f"{name} ({view}s)",
-            "sha256": self.database.sha256,
-            "cross_section": attributes["cross_section"],
-            "view": view,
-            "domain": DomainOfExistence(tuple(branch.region for branch in branches)),
-            "branches": parts,
-            "case_caveats": Caveats.of(cases, scaling),
-        }
-        for key, value in made.items():
-            object.__setattr__(self, key, value)
+            self.branches = tuple(pool.map(smoothed, branches, rivals))
+        name = re.sub(r"[^a-z0-9]+", "-", f"{attributes['cross_section']}-{attributes['law']}".lower())
+        self.name = name if view == MID_PLANE else f"{name} ({view}s)"
+        self.database, self.sha256, self.cross_section = database, database.sha256, attributes["cross_section"]
+        self.domain = DomainOfExistence(tuple(branch.region for branch in branches))
+        self._caveats = Caveats.of(cases, scaling)
 
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
-        """Predict a batch; outside the domain NaN, with ``inside`` False."""
         self.check_names(theta)
-        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
+        ca, size = aligned(theta["capillary_number"], theta["size_ratio"])
         values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
         inside = np.zeros(len(ca), dtype=np.bool_)
         for part in self.branches:
             part.predict(ca, size, values.T, covariance, inside)
         shapes = self._outlines(ca, size) if outline else None
-        return Prediction(values[0], values[1], values[2], values[3], covariance, inside, shapes)
+        extent, length, velocity, stretch = values
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
-    def caveats(self, theta: Mapping[str, ArrayLike]) -> dict[str, Booleans]:
-        """Return by kind whether a caveat concerns each point of a batch : (n,) arrays."""
-        ca, size = _pair(theta["capillary_number"], theta["size_ratio"])
-        return with_unsure_shapes(self.case_caveats(ca, size), self({"capillary_number": ca, "size_ratio": size}))
+    def case_caveats(self, points: Mapping[str, Floats]) -> dict[str, Booleans]:
+        return self._caveats(*aligned(points["capillary_number"], points["size_ratio"]))
 
     def outline_modes(self, **theta: float) -> Floats:
-        """Return the own error of the outline at one point, as independent displacements along its normals."""
         self.check_names(theta)
         point = theta["capillary_number"], theta["size_ratio"]
         for part in self.branches:
@@ -687,7 +664,7 @@ class PlaneSurrogate(ForwardModel):
 
     def gradient(self, *, capillary_number: ArrayLike, size_ratio: ArrayLike) -> Floats:
         """Derivatives of (L_z, L_a, v_o/U) by (Ca, a/l) : (n, 3, 2) array, NaN outside the domain."""
-        ca, size = _pair(capillary_number, size_ratio)
+        ca, size = aligned(capillary_number, size_ratio)
         gradient = np.full((len(ca), 3, 2), np.nan)
         for part in self.branches:
             here = part.branch.region.contains(ca, size)
@@ -701,11 +678,6 @@ class PlaneSurrogate(ForwardModel):
             if len(here):
                 outlines[here] = part.outlines(ca[here], size[here])
         return outlines
-
-
-def _pair(capillary_number: ArrayLike, size_ratio: ArrayLike) -> tuple[Floats, Floats]:
-    ca, size = np.broadcast_arrays(np.atleast_1d(capillary_number), np.atleast_1d(size_ratio))
-    return np.ascontiguousarray(ca, np.float64), np.ascontiguousarray(size, np.float64)
 
 
 # Leave-one-out over a database: errors of (Ca, a/l, v_o/U) identified from (L_z, L_a) of a case left out.
