@@ -8,6 +8,9 @@ import numpy as np
 
 from capsbayes.arrays import Booleans, Floats
 
+NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+"""Names of the numbers of a prediction, of which the first three have a covariance."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

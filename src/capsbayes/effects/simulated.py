@@ -15,7 +15,7 @@ from capsbayes.effects.analytic import ANALYTIC
 from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
 from capsbayes.model import Effect, ForwardModel, Kind, Theta
 from capsbayes.parameters import OF_THE_MEMBRANE, PARAMETERS, Parameter
-from capsbayes.prediction import Prediction
+from capsbayes.prediction import NUMBERS, Prediction
 from capsbayes.quantity import Quantity
 from capsbayes.surrogate.open import joint_surrogate, plain_membrane
 
@@ -71,8 +71,7 @@ class Simulated:
         return replace(
             seen,
             **{
-                name: getattr(seen, name) + (getattr(with_it, name) - getattr(null, name)) + unknown
-                for name in ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
+                name: getattr(seen, name) + (getattr(with_it, name) - getattr(null, name)) + unknown for name in NUMBERS
             },
             covariance=seen.covariance + np.where(changed[:, None, None], with_it.covariance, 0.0),
             inside=both,

@@ -35,6 +35,7 @@ from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.physics.continuation import SHALLOW
 from capsbayes.physics.load import changed, parameters_of
+from capsbayes.prediction import NUMBERS
 from capsbayes.run import Store, only_run, progress_bar, run_tasks, steps_kept
 from capsbayes.status import Status
 
@@ -202,8 +203,6 @@ def name_of(capillary_number: float, size_ratio: float, start: float | str) -> s
 
 # Differences between the cases of a database and those of a finer mesh
 
-QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
-
 _PLACES = ((0.1, 0.3), (0.3, 0.8), (0.5, 0.5), (0.7, 0.2), (0.9, 0.7))
 """Ranks of the compared cases: of the sweep among the sweeps, and of the case within its sweep."""
 
@@ -224,11 +223,11 @@ def mesh_error(refinement: int, coarse: Sequence[Outcome], fine: Sequence[Outcom
     """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's."""
     rows = [
         {"capillary_number": ours.capillary_number, "size_ratio": ours.size_ratio}
-        | {name: ours.variables[name] / finer.variables[name] - 1 for name in QUANTITIES}
+        | {name: ours.variables[name] / finer.variables[name] - 1 for name in NUMBERS[:3]}
         for ours, finer in zip(coarse, fine, strict=True)
         if finer.done
     ]
-    squares = {name: np.mean([row[name] ** 2 for row in rows]) if rows else np.nan for name in QUANTITIES}
+    squares = {name: np.mean([row[name] ** 2 for row in rows]) if rows else np.nan for name in NUMBERS[:3]}
     summary = {name: float(np.sqrt(value)) for name, value in squares.items()}
     return json.dumps(summary | {"refinement": refinement, "cases": rows}, sort_keys=True)
 

@@ -139,20 +139,16 @@ class RectangularChannel(Channel):
 
     @property
     def area(self) -> float:
-        """Area of the cross-section over l^2."""
         return 4.0 * self.aspect
 
     @property
     def pressure_gradient(self) -> float:
-        """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
         return _pressure_gradient(self.aspect)
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Sum the Fourier series; see `Flow.undisturbed`."""
         return _flow(points, self.aspect)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on half of the wall x = aspect and half of y = 1; see `Channel.outline`."""
         depth, width = self.aspect + outwards, 1.0 + outwards
         x, x_step = midpoints(depth, spacing)
         y, y_step = midpoints(width, spacing)
@@ -161,7 +157,6 @@ class RectangularChannel(Channel):
         return np.concatenate([side, top]), np.repeat([y_step, x_step], [len(y), len(x)])
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return a grid on the quarter 0 <= x, y; see `Channel.filling`."""
         x, x_step = midpoints(self.aspect + outwards, spacing)
         y, y_step = midpoints(1.0 + outwards, spacing)
         points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -178,17 +173,14 @@ class SquareChannel(Channel):
     pressure_gradient: ClassVar[float] = _pressure_gradient(1.0)
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Sum the Fourier series; see `Flow.undisturbed`."""
         return _flow(points, 1.0)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on half of the wall x = 1; see `Channel.outline`."""
         side = 1.0 + outwards
         across, step = midpoints(side, spacing)
         return np.column_stack([np.full_like(across, side), across]), np.full_like(across, step)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return a grid on the eighth 0 <= y <= x; see `Channel.filling`."""
         across, step = midpoints(1.0 + outwards, spacing)
         i, j = np.tril_indices(len(across))
         return np.column_stack([across[i], across[j]]), step**2 * np.where(i == j, 0.5, 1.0)
@@ -237,16 +229,13 @@ class CircularChannel(Channel):
     pressure_gradient: ClassVar[float] = 8.0
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return Poiseuille's parabola; see `Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         return unidirectional(2.0 * (1.0 - x**2 - y**2), -4.0 * x, -4.0 * y)
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return points on an eighth of the circle; see `Channel.outline`."""
         return rounded_outline(1.0, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return rings on an eighth of the disk; see `Channel.filling`."""
         return rounded_filling(1.0, spacing, outwards)
 
 
@@ -350,16 +339,13 @@ class RoundedSquareChannel(Channel):
 
     @property
     def area(self) -> float:
-        """Area of the cross-section over l^2."""
         return _area(self.corner_radius)
 
     @property
     def pressure_gradient(self) -> float:
-        """-(dp/dz) l^2 / (mu U) of the undisturbed flow."""
         return _harmonic(self.corner_radius).pressure_gradient
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Add the parabola and the harmonic part; see `Flow.undisturbed`."""
         x, y = points[:, 0], points[:, 1]
         harmonic = _harmonic(self.corner_radius)
         value, along_x, along_y = harmonic.at(x + 1j * y)
@@ -367,11 +353,9 @@ class RoundedSquareChannel(Channel):
         return unidirectional(scale * (value - (x**2 + y**2) / 4), scale * (along_x - x / 2), scale * (along_y - y / 2))
 
     def outline(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return an eighth of the outline; see `Channel.outline`."""
         return rounded_outline(self.corner_radius, spacing, outwards)
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
-        """Return rings on an eighth of the cross-section; see `Channel.filling`."""
         return rounded_filling(self.corner_radius, spacing, outwards)
 
 
@@ -394,7 +378,6 @@ class ShearFlow(Flow):
     pressure_gradient: ClassVar[float] = 0.0
 
     def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Compute the flow; see `Flow.undisturbed`."""
         y = points[:, 1]
         return unidirectional(y, np.zeros_like(y), np.ones_like(y))
 

@@ -16,7 +16,7 @@ from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.channel import Channel, Flow
 from capsbayes.physics.membrane import MembraneLaw
 from capsbayes.physics.stokes import SingleLayer, WallDiscretisation, images_gradient, wall_operator
-from capsbayes.physics.surface import LOCAL_NODES, OctaSphere, dunavant, p2, p2_gradient, subdivision
+from capsbayes.physics.surface import LOCAL_NODES, OctaSphere, dunavant, p2, p2_gradient, subdivision, tangents
 from capsbayes.profile import Profile
 
 # The numbers that a simulator or a problem has as parameters: its own and those of its membrane law
@@ -52,15 +52,14 @@ class ElementIntegrals:
         rule = dunavant(degree)
         self.elements, multiplicity = mesh.orbits
         self.weights = multiplicity[:, None] * rule.weights
-        self.shapes = p2(rule.points)
-        self.slopes = p2_gradient(rule.points)
+        self.points, self.shapes, self.slopes = rule.points, p2(rule.points), p2_gradient(rule.points)
         rows = (3 * self.elements[:, :, None] + np.arange(3)).ravel()
         self.scatter: sp.csr_matrix = mesh.expansion[rows]
         self.scatter_transposed: sp.csr_matrix = self.scatter.T.tocsr()
 
     def tangents(self, nodes: Floats) -> Floats:
         """Return the tangents (e, q, 2, 3) along both local coordinates of the surface with nodes (N, 3)."""
-        return np.einsum("qka,eki->eqai", self.slopes, nodes[self.elements])
+        return tangents(nodes, self.elements, self.points)
 
     def gathered(self, per_element: Floats) -> Floats:
         """Sum element vectors (e, 6, 3) to free coordinates (F,)."""
@@ -71,6 +70,11 @@ class ElementIntegrals:
         count = len(per_element)
         blocks = sp.bsr_matrix((per_element, np.arange(count), np.arange(count + 1)))
         return (self.scatter_transposed @ (blocks @ self.scatter)).toarray()
+
+
+def metric_of(along: Floats) -> Floats:
+    """Return the metric (e, q, 2, 2) of a surface with tangents (e, q, 2, 3)."""
+    return np.einsum("eqai,eqbi->eqab", along, along)
 
 
 class RestMetric(NamedTuple):
@@ -97,8 +101,7 @@ def integrals_over(mesh: OctaSphere, degree: int = 6) -> ElementIntegrals:
 def rest_metric(mesh: OctaSphere, aspect: float, degree: int = 6) -> RestMetric:
     """Return the metric of a spheroid of the volume of the unit sphere, see `spheroid`."""
     integral = integrals_over(mesh, degree)
-    tangents = integral.tangents(spheroid(mesh, aspect))
-    metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+    metric = metric_of(integral.tangents(spheroid(mesh, aspect)))
     determinant = np.linalg.det(metric)
     return RestMetric(metric, determinant, integral.weights * np.sqrt(determinant))
 
@@ -263,10 +266,10 @@ def _second_derivatives(mesh: OctaSphere) -> tuple[Floats, Integers]:
     # Against a test function phi S with a constant symmetric tensor S, the tangential second derivatives of u are int
     # (3 phi y - grad phi) . S grad u dS at the points y of the sphere.
     rule = integrals_over(mesh)
-    tangents = np.einsum("qka,eki->eqai", rule.slopes, mesh.nodes[mesh.elements])
-    metric = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+    along = tangents(mesh.nodes, mesh.elements, rule.points)
+    metric = metric_of(along)
     area = dunavant(6).weights * np.sqrt(np.linalg.det(metric))
-    gradients = np.einsum("qkb,eqab,eqai->eqki", rule.slopes, np.linalg.inv(metric), tangents, optimize=True)
+    gradients = np.einsum("qkb,eqab,eqai->eqki", rule.slopes, np.linalg.inv(metric), along, optimize=True)
     points = np.einsum("qk,eki->eqi", rule.shapes, mesh.nodes[mesh.elements])
     count = len(mesh.nodes)
     rows, columns = np.repeat(mesh.elements, 6, axis=1).ravel(), np.tile(mesh.elements, 6).ravel()
@@ -382,14 +385,14 @@ class MembraneLoad:
         unstressed = self.radius / (1.0 + self.pre_inflation)
         metric, determinant = rest.metric * unstressed**2, rest.determinant * unstressed**4
         inverse = np.linalg.inv(metric).astype(float)
-        tangents = integral.tangents(self.mesh.expanded(free))
-        m = np.einsum("eqai,eqbi->eqab", tangents, tangents)
+        along = integral.tangents(self.mesh.expanded(free))
+        m = metric_of(along)
         area_ratio = (m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2) / determinant
         w, w1, w2, w11, w12, w22 = self.law.derivatives(np.einsum("eqab,eqab->eq", inverse, m) - 2, area_ratio - 1)
         weight = rest.area * unstressed**2
         # variations of the metric: h_ab[k, i] = d a_ab / d x_ki
         slope_s, slope_t = integral.slopes[..., 0], integral.slopes[..., 1]
-        a_s, a_t = tangents[:, :, 0], tangents[:, :, 1]
+        a_s, a_t = along[:, :, 0], along[:, :, 1]
 
         def outer(slope: Floats, vector: Floats) -> Floats:
             return np.einsum("qk,eqi->eqki", slope, vector).reshape(*vector.shape[:2], 18)
@@ -424,9 +427,9 @@ class MembraneLoad:
         """Compute the volume inside the membrane and its first moment along z."""
         integral = integrals_over(self.mesh)
         nodes = self.mesh.expanded(free)
-        tangents = integral.tangents(nodes)
+        along = integral.tangents(nodes)
         points = np.einsum("qk,eki->eqi", integral.shapes, nodes[integral.elements])
-        normal = np.cross(tangents[:, :, 0], tangents[:, :, 1]) * integral.weights[..., None]
+        normal = np.cross(along[:, :, 0], along[:, :, 1]) * integral.weights[..., None]
         z = points[..., 2]
 
         def gradient(weight: Floats) -> Floats:
@@ -441,16 +444,11 @@ class MembraneLoad:
 
     def principal_tensions(self, free: Floats) -> Floats:
         """Compute the principal Cauchy tensions (N, 2) over G_s at the nodes, larger first, element averages."""
-        slopes = p2_gradient(LOCAL_NODES)
         nodes, elements = self.mesh.expanded(free), self.mesh.elements
-
-        def metric(positions: Floats) -> Floats:
-            tangents = np.einsum("qka,eki->eqai", slopes, positions[elements])
-            return np.einsum("eqai,eqbi->eqab", tangents, tangents)
-
         unstressed = self.radius / (1.0 + self.pre_inflation)
-        rest = metric(spheroid(self.mesh, self.rest_aspect)) * unstressed**2
-        strain = np.linalg.solve(rest, metric(nodes))
+        at_rest = tangents(spheroid(self.mesh, self.rest_aspect), elements, LOCAL_NODES)
+        deformed = tangents(nodes, elements, LOCAL_NODES)
+        strain = np.linalg.solve(metric_of(at_rest) * unstressed**2, metric_of(deformed))
         half = np.trace(strain, axis1=-2, axis2=-1) / 2
         spread = np.sqrt(np.maximum(half**2 - np.linalg.det(strain), 0.0))
         stretch = np.sqrt(np.stack([half + spread, half - spread], axis=-1))

@@ -57,6 +57,10 @@ class Shape:
         mesh = self.mesh
         return np.einsum("nij,nj->ni", mesh.operation, self.nodes[mesh.wedge_of])
 
+    def free_on(self, mesh: OctaSphere) -> Floats:
+        """Return the free coordinates (F,) of the shape on a mesh, its own or another."""
+        return prolonged(self.mesh.reduced(self.nodes), self.mesh, mesh)
+
     @property
     def profile(self) -> Profile:
         """Outline in the plane x = 0 [l]."""
@@ -95,13 +99,6 @@ class Snapshot(Shape):
     time: float  # U t / l
     speed: float  # of the fastest node relative to the centroid; it vanishes at steady state
     slack: float  # uniform normal velocity that remains: an indicator of the mesh's error
-
-
-def taken_from(start: Shape, problem: Problem, capillary_number: float, size_ratio: float) -> Iterate:
-    """Return a shape of any mesh, scaled to a size, as the start of a transient."""
-    at_rest = problem.at_rest(capillary_number, size_ratio)
-    free = prolonged(start.mesh.reduced(start.nodes), start.mesh, problem.mesh)
-    return replace(at_rest, free=free * (size_ratio / start.size_ratio))
 
 
 def snapshots(
@@ -438,17 +435,16 @@ class Simulator:
             advice = "the steady shape does not depend on it"
             raise InputError("Simulator.transient", "viscosity_ratio", expected, f"{viscosity_ratio:g}", advice)
         problem, case = self.problem, (capillary_number, size_ratio)
-        first = problem.at_rest_in_channel(*case) if start is None else taken_from(start, problem, *case)
+        first = problem.at_rest_in_channel(*case)
+        if start is not None:
+            first = replace(first, free=start.free_on(problem.mesh) * (size_ratio / start.size_ratio))
         times = [*np.arange(0.0, until - 1e-9, every), until]
         return snapshots(problem, self.settings, first, times, scheme, threads)
 
     def _as_start(self, problem: Problem, start: SteadyState) -> NewtonResult:
         """Return a steady state of this or another mesh as the start of a branch."""
-        mesh, along_ca = start.mesh, start.along_ca
-        free = mesh.reduced(start.nodes)
-        if mesh is not problem.mesh:
-            free = prolonged(free, mesh, problem.mesh)
-            along_ca = np.zeros(len(free) + 2)
+        free = start.free_on(problem.mesh)
+        along_ca = start.along_ca if start.mesh is problem.mesh else np.zeros(len(free) + 2)
         iterate = Iterate(free, start.velocity_ratio, start.slack, start.capillary_number, start.size_ratio)
         return NewtonResult(iterate, start.status.ok, start.residual, 0, along_ca)
 
@@ -524,19 +520,8 @@ class UnsteadySimulator:
         return self.simulator.restored(values)
 
     def run(self, *, capillary_number: float, size_ratio: float, start: Start = "rest") -> SteadyState:
-        """Compute the shape and velocity of one case.
-
-        Parameters
-        ----------
-        capillary_number, size_ratio : float
-        start : SteadyState, "rest" or "parachute"
-            Start of the search for a steady shape; a capsule that is not yet steady comes from rest.
-
-        Returns
-        -------
-        SteadyState
-            Its residual is the speed of the fastest node relative to the centroid [U].
-        """
+        """Compute the shape and velocity of one case; its residual is the speed of the fastest node [U]."""
+        # `start` is that of the search for a steady shape; a capsule that is not yet steady comes from rest.
         if self.unsteadiness == 0.0:
             return self.simulator.run(capillary_number=capillary_number, size_ratio=size_ratio, start=start)
         with threadpool_limits(limits=1):

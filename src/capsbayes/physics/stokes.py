@@ -18,7 +18,7 @@ import scipy.sparse as sp
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.physics.channel import Channel
-from capsbayes.physics.surface import OctaSphere, Rule, dunavant, p2, p2_gradient, singular, subdivided
+from capsbayes.physics.surface import OctaSphere, Rule, dunavant, p2, singular, subdivided, tangents
 
 # Compiled sums of Stokeslets: velocities, their matrices and their derivatives.
 #
@@ -453,8 +453,8 @@ class _Tables(NamedTuple):
 
 def _rest_area(nodes: Floats, elements: Integers, points: Floats) -> Floats:
     """Return the area (e, q) of the rest surface per area of the unit triangle."""
-    tangents = np.einsum("qka,eki->eqai", p2_gradient(points), nodes[elements])
-    return np.linalg.norm(np.cross(tangents[:, :, 0], tangents[:, :, 1]), axis=-1)
+    along_s, along_t = np.moveaxis(tangents(nodes, elements, points), 2, 0)
+    return np.linalg.norm(np.cross(along_s, along_t), axis=-1)
 
 
 @lru_cache(maxsize=8)

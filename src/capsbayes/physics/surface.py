@@ -40,6 +40,11 @@ def p2_gradient(points: Floats) -> Floats:
     return np.stack([along_s, along_t], axis=-1)
 
 
+def tangents(nodes: Floats, elements: Integers, points: Floats) -> Floats:
+    """Return the tangents (e, q, 2, 3) of elements (e, 6) along both local coordinates at points (q, 2)."""
+    return np.einsum("qka,eki->eqai", p2_gradient(points), nodes[elements])
+
+
 # Small flat triangles in place of curved elements, to draw a surface without seams
 
 
@@ -64,9 +69,9 @@ def subdivision(parts: int) -> tuple[Floats, Integers]:
 
 def _normals(nodes: Floats, elements: Integers) -> Floats:
     """Outward normals (N, 3) at the nodes, averaged over the elements there: they leave no seams."""
-    tangents = np.einsum("qka,eki->eqai", p2_gradient(LOCAL_NODES), nodes[elements])
+    along_s, along_t = np.moveaxis(tangents(nodes, elements, LOCAL_NODES), 2, 0)
     total = np.zeros_like(nodes)
-    np.add.at(total, elements, np.cross(tangents[:, :, 0], tangents[:, :, 1]))
+    np.add.at(total, elements, np.cross(along_s, along_t))
     return total / np.linalg.norm(total, axis=1, keepdims=True)
 
 

@@ -28,9 +28,8 @@ from capsbayes.database import Database
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
 from capsbayes.model import Domain, ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
-from capsbayes.prediction import Prediction
+from capsbayes.prediction import NUMBERS, Prediction
 from capsbayes.surrogate.membrane import FixedMembraneDomain, MembraneSurrogate, parameter_columns
-from capsbayes.surrogate.plane import COLUMNS as _NUMBERS
 from capsbayes.surrogate.plane import aligned
 
 _NOTHING = 1e-4  # weight of a known error below which it does not count
@@ -77,7 +76,7 @@ class CorrectedMembrane(ForwardModel):
         rows = [np.flatnonzero(np.all(differ == kind, axis=1)) for kind in kinds]
         parts = [self._predicted(_chosen(kind), values[some], outline) for kind, some in zip(kinds, rows, strict=True)]
         order = np.argsort(np.concatenate(rows))
-        names = (*_NUMBERS, "covariance", "inside", *(["outline"] if outline else []))
+        names = (*NUMBERS, "covariance", "inside", *(["outline"] if outline else []))
         return Prediction(**{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names})
 
     def outline_modes(self, **theta: float) -> Floats:
@@ -239,7 +238,7 @@ def _modes(model: ForwardModel, values: Floats, names: Names) -> Floats:
 
 def _table(prediction: Prediction) -> Floats:
     """Return all numbers of a prediction but its covariance : (n, k) array."""
-    numbers = np.stack([getattr(prediction, name) for name in _NUMBERS], axis=1)
+    numbers = np.stack([getattr(prediction, name) for name in NUMBERS], axis=1)
     if prediction.outline is None:
         return numbers
     return np.concatenate([numbers, prediction.outline.reshape(len(numbers), -1)], axis=1)
@@ -249,6 +248,6 @@ def _prediction(table: Floats, covariance: Floats, outlines: Floats | None) -> P
     """Return the prediction of `_table`, with outlines of the shape of given ones."""
     inside: Booleans = np.asarray(np.isfinite(table).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2)))
     table, covariance = np.where(inside[:, None], table, np.nan), np.where(inside[:, None, None], covariance, np.nan)
-    numbers = dict(zip(_NUMBERS, table.T, strict=False))
-    shapes = None if outlines is None else table[:, len(_NUMBERS) :].reshape(outlines.shape)
+    numbers = dict(zip(NUMBERS, table.T, strict=False))
+    shapes = None if outlines is None else table[:, len(NUMBERS) :].reshape(outlines.shape)
     return Prediction(**numbers, covariance=covariance, inside=inside, outline=shapes)

@@ -19,11 +19,10 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import DatabaseError
 from capsbayes.model import CoordinateRange, Domain
-from capsbayes.prediction import Prediction
+from capsbayes.prediction import NUMBERS, Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.diffuse import hermite
 from capsbayes.surrogate.plane import (
-    COLUMNS,
     BranchSurrogate,
     DatabaseModel,
     OwnError,
@@ -653,12 +652,13 @@ class EffectSurrogate(DatabaseModel):
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
         self.check_names(theta)
         ca, size, place = self._points(theta)
-        values, covariance = np.full((len(ca), len(COLUMNS)), np.nan), np.full((len(ca), 3, 3), np.nan)
+        values, covariance = np.full((len(ca), len(NUMBERS)), np.nan), np.full((len(ca), 3, 3), np.nan)
         inside = np.zeros(len(ca), dtype=np.bool_)
         tables = self._stack, self._base_stack, self.domain.weighing
         evaluate(ca, size, place, *tables, values, covariance, inside)
         shapes = self._outlines(ca, size, place) if outline else None
-        return Prediction(*values.T.copy(), covariance=covariance, inside=inside, outline=shapes)
+        extent, length, velocity, stretch = values.T.copy()
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
     def outline_modes(self, **theta: float) -> Floats:
         # As in the covariance of a prediction: errors of the base, weighted errors of the slices, that of the
@@ -811,7 +811,7 @@ def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders], n
     cells = tuple(count + 1 for count in surrogates[0].cells)
     shape = (len(BRANCHES), len(surrogates))
     frames = np.ones((*shape, 6))
-    coefficients = np.full((*shape, *cells, 4, len(COLUMNS)), np.nan)
+    coefficients = np.full((*shape, *cells, 4, len(NUMBERS)), np.nan)
     errors, differences, jumps = np.full((3, *shape, *cells, 3, 3), np.nan)
     of_null = {part.branch.name: part for part in surrogates[null].branches}
     for j, surrogate in enumerate(surrogates):

@@ -21,7 +21,7 @@ from capsbayes.database import LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH,
 from capsbayes.errors import DatabaseError, InputError
 from capsbayes.measurement import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.model import TWO_SHAPES, UNSURE, UNSURE_SHAPES, WRINKLES, Domain, ForwardModel
-from capsbayes.prediction import Prediction
+from capsbayes.prediction import NUMBERS, Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.diffuse import (
     DiffuseApproximation,
@@ -268,7 +268,6 @@ def _is_limit(cases: Database, columns: Floats) -> Booleans:
 # what the residuals of the others state (rms of 2041 cases, 0.14 to 0.83 by branch);
 # with every second column of a/l held out, 0.34 to 0.84
 
-QUANTITIES = ("axial_extent", "axial_length", "velocity_ratio")
 NEIGHBOURS = 12
 DILATION = 1.3
 OF_LEFT_OUT = 0.7  # error next to a case over that where the case is left out
@@ -314,7 +313,7 @@ def mesh_error_of(attributes: Mapping[Any, Any]) -> Floats:
     if stated is None:
         return np.zeros(3)
     errors = json.loads(stated)
-    return np.array([float(errors[name]) for name in QUANTITIES])
+    return np.array([float(errors[name]) for name in NUMBERS[:3]])
 
 
 # Points of the plane where the shape of a database need not be that of every capsule
@@ -368,7 +367,6 @@ def _two_shapes(database: Database) -> Region | None:
 # Moving least squares define the map, a fine table evaluates it fast, and
 # leave-one-out residuals give its own error
 
-COLUMNS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
 CELLS = (160, 120)
 OUTLINES = {MID_PLANE: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
 SAME_CASE = 1e-6  # of Ca and a/l
@@ -514,7 +512,7 @@ def approximation_of(cases: Database, branch: Branch, scaling: PlaneScaling) -> 
     """Approximate (L_z, L_a, v_o/U, Lambda) of a branch by moving least squares of a degree that its cases support."""
     rows = branch.rows
     nodes = scaling.to_plane(cases["capillary_number"][rows], cases["size_ratio"][rows])
-    values = np.stack([cases[name][rows] for name in COLUMNS], axis=1)
+    values = np.stack([cases[name][rows] for name in NUMBERS], axis=1)
     columns = len(branch.region.size_ratio)
     degree, neighbours = next((d, k) for fewest, d, k in BASES if len(rows) >= fewest and columns > d)
     return DiffuseApproximation(nodes, values, degree=degree, neighbours=min(neighbours, len(rows) - 2))
@@ -643,12 +641,13 @@ class PlaneSurrogate(DatabaseModel):
     def __call__(self, theta: Mapping[str, Floats], *, outline: bool = False) -> Prediction:
         self.check_names(theta)
         ca, size = aligned(theta["capillary_number"], theta["size_ratio"])
-        values, covariance = np.full((len(COLUMNS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
+        values, covariance = np.full((len(NUMBERS), len(ca)), np.nan), np.full((len(ca), 3, 3), np.nan)
         inside = np.zeros(len(ca), dtype=np.bool_)
         for part in self.branches:
             part.predict(ca, size, values.T, covariance, inside)
         shapes = self._outlines(ca, size) if outline else None
-        return Prediction(*values, covariance=covariance, inside=inside, outline=shapes)
+        extent, length, velocity, stretch = values
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
     def case_caveats(self, points: Mapping[str, Floats]) -> dict[str, Booleans]:
         return self._caveats(*aligned(points["capillary_number"], points["size_ratio"]))

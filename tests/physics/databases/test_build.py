@@ -29,6 +29,28 @@ def one_date(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
 
 
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "shapes.nc"
+
+
+@pytest.fixture
+def build(out, tmp_path):
+    """Build a database of the analytic simulator with given settings, whose runs are noted."""
+
+    def build(cases=CASES, **settings):
+        simulator = AnalyticSimulator(journal=str(tmp_path / "journal"), **settings)
+        return build_database(simulator, cases, out=out, scheduler=HERE)
+
+    return build
+
+
+@pytest.fixture
+def steps(tmp_path):
+    """Return the runs: Ca, and where each started."""
+    return lambda: [tuple(line.split()[1:]) for line in (tmp_path / "journal").read_text().splitlines()]
+
+
 def status_of(database, capillary_number, size_ratio):
     row = (database["capillary_number"] == capillary_number) & (database["size_ratio"] == size_ratio)
     return Status[str(database["status"][row][0])]
@@ -38,9 +60,8 @@ def parts(out):
     return sorted(Path(f"{out}.parts").glob("*.part"))
 
 
-def test_holds_every_case_in_order_with_its_pedigree(tmp_path):
-    out = tmp_path / "shapes.nc"
-    made = build_database(AnalyticSimulator(), reversed(CASES), out=out, scheduler=HERE)
+def test_holds_every_case_in_order_with_its_pedigree(build, out):
+    made = build(reversed(CASES))
     database = Database.read(out)
     assert database.sha256 == made.sha256
     held = list(zip(database["capillary_number"], database["size_ratio"], strict=True))
@@ -56,8 +77,8 @@ def test_holds_every_case_in_order_with_its_pedigree(tmp_path):
     np.testing.assert_allclose(done["perimeter"] / (2 * np.pi * done["size_ratio"]), done["stretch_ratio"])
 
 
-def test_rows_without_a_steady_state_say_so_and_hold_no_shape(tmp_path):
-    database = build_database(AnalyticSimulator(), CASES, out=tmp_path / "shapes.nc", scheduler=HERE)
+def test_rows_without_a_steady_state_say_so_and_hold_no_shape(build):
+    database = build()
     assert status_of(database, 0.08, 0.9) is Status.DONE
     assert status_of(database, 0.1, 0.9) is Status.NO_STEADY_STATE
     assert status_of(database, 0.12, 0.9) is Status.NO_STEADY_STATE
@@ -67,142 +88,114 @@ def test_rows_without_a_steady_state_say_so_and_hold_no_shape(tmp_path):
     assert np.isfinite(database["profile"][~failed]).all()
 
 
-def test_border_is_the_limit_of_existence(tmp_path):
-    cases = [*CASES, (0.05, 0.5), (0.1, 0.5)]
-    database = build_database(AnalyticSimulator(), cases, out=tmp_path / "shapes.nc", scheduler=HERE)
+def test_border_is_the_limit_of_existence(build):
+    database = build([*CASES, (0.05, 0.5), (0.1, 0.5)])
     np.testing.assert_array_equal(database["border_size_ratio"], [0.5, 0.8, 0.9, 1.0])
     assert list(database["border_kind"]) == ["limit of the database", *["limit of existence"] * 3]
     assert database["border_capillary_number"][0] == 0.1
     np.testing.assert_allclose(database["border_capillary_number"][1:], [0.095, 0.085, 0.075])
 
 
-def test_each_case_starts_from_its_converged_neighbour(tmp_path):
-    journal = tmp_path / "journal"
-    cases = [(ca, 0.9) for ca in (0.01, 0.02, 0.04, 0.055, 0.06, 0.08)]
-    build_database(AnalyticSimulator(journal=str(journal)), cases, out=tmp_path / "a.nc", scheduler=HERE)
-    steps = [tuple(line.split()[1:]) for line in journal.read_text().splitlines()]
-    assert steps == [
-        ("0.01", "rest"),
-        ("0.02", "0.01"),
-        ("0.04", "0.02"),
-        ("0.055", "0.04"),
-        ("0.06", "0.055"),
-        ("0.08", "0.06"),
-    ]
+def test_each_case_starts_from_its_converged_neighbour(build, steps):
+    values = (0.01, 0.02, 0.04, 0.055, 0.06, 0.08)
+    build([(ca, 0.9) for ca in values])
+    assert steps() == [(str(ca), str(start)) for ca, start in zip(values, ("rest", *values), strict=False)]
 
 
-def test_where_a_capsule_snaps_through_is_enclosed(tmp_path):
-    journal = tmp_path / "journal"
-    simulator = AnalyticSimulator(snap=0.033, journal=str(journal))
-    database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
-    steps = [tuple(line.split()[1:]) for line in journal.read_text().splitlines()]
-    assert steps[2:5] == [("0.03", "0.02"), ("0.05", "0.03"), ("0.05", "rest")]  # the second is not there any more
-    assert steps[-4:] == [(value, "rest") for value in ("0.03", "0.03873", "0.03409", "0.03198")]
+def test_where_a_capsule_snaps_through_is_enclosed(build, steps):
+    database = build(CASES[8:16], snap=0.033)
+    assert steps()[2:5] == [("0.03", "0.02"), ("0.05", "0.03"), ("0.05", "rest")]  # the second is not there any more
+    assert steps()[-4:] == [(value, "rest") for value in ("0.03", "0.03873", "0.03409", "0.03198")]
     assert list(database["border_kind"]) == ["snap-through", "limit of existence"]
     np.testing.assert_allclose(database["border_capillary_number"], [0.03302, 0.085])
     assert status_of(database, 0.03198, 0.9) is status_of(database, 0.03409, 0.9) is Status.DONE
 
 
-def test_where_the_branch_from_rest_is_lost_the_sweep_goes_on_with_parachutes(tmp_path):
-    journal = tmp_path / "journal"
-    simulator = AnalyticSimulator(snap=0.031, jumps=False, journal=str(journal))
-    database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
-    steps = [tuple(line.split()[1:]) for line in journal.read_text().splitlines()]
-    assert steps[:7] == [
-        ("0.01", "rest"),
-        ("0.02", "0.01"),
+def test_where_the_branch_from_rest_is_lost_the_sweep_goes_on_with_parachutes(build, steps):
+    database = build(CASES[8:16], snap=0.031, jumps=False)
+    assert steps()[2:7] == [
         ("0.03", "0.02"),
-        ("0.05", "0.03"),
-        ("0.05", "rest"),
-        ("0.05", "parachute"),
+        *(("0.05", start) for start in ("0.03", "rest", "parachute")),
         ("0.06", "0.05"),
     ]
     assert list(database["border_kind"]) == ["lost from rest", "limit of existence"]
     np.testing.assert_allclose(database["border_capillary_number"], [0.031, 0.085])
 
 
-def test_where_a_capsule_from_rest_leaves_a_stable_branch_its_cases_are_replaced(tmp_path):
+def test_where_a_capsule_from_rest_leaves_a_stable_branch_its_cases_are_replaced(build):
     """Followed from case to case the convex shapes go on to Ca = 0.07, but from rest they are reached up to 0.033."""
-    simulator = AnalyticSimulator(snap=0.07, kicked=0.033)
-    database = build_database(simulator, CASES[8:16], out=tmp_path / "a.nc", scheduler=HERE)
+    database = build(CASES[8:16], snap=0.07, kicked=0.033)
     assert list(database["border_kind"]) == ["snap-through", "limit of existence"]
     np.testing.assert_allclose(database["border_capillary_number"][0], 0.03302)
     convex = database["capillary_number"][database["parachute_depth"] < 0.1]
     np.testing.assert_array_equal(convex, [0.01, 0.02, 0.03, 0.03198])
 
 
-def test_downward_failures_end_the_sweep_with_a_reason(tmp_path):
-    cases = [(ca, 0.9) for ca in (0.005, 0.01, 0.015, 0.02, 0.03, 0.05)]
-    database = build_database(AnalyticSimulator(lowest=0.025), cases, out=tmp_path / "a.nc", scheduler=HERE)
+def test_downward_failures_end_the_sweep_with_a_reason(build):
+    database = build([(ca, 0.9) for ca in (0.005, 0.01, 0.015, 0.02, 0.03, 0.05)], lowest=0.025)
     assert list(database["status"]) == ["NOT_TRIED"] * 2 + ["NOT_CONVERGED"] * 2 + ["DONE"] * 2
 
 
-def test_another_first_case_is_found_when_the_lowest_fails(tmp_path):
-    database = build_database(
-        AnalyticSimulator(bad=(0.01, 0.9)), CASES, out=tmp_path / "shapes.nc", scheduler=HERE, progress=False
-    )
+def test_another_first_case_is_found_when_the_lowest_fails(build):
+    database = build(bad=(0.01, 0.9))
     assert status_of(database, 0.01, 0.9) is Status.RAISED
     assert status_of(database, 0.06, 0.9) is status_of(database, 0.02, 0.9) is Status.DONE
 
 
-def test_a_case_that_raises_is_a_row_and_is_told(tmp_path, caplog):
+def test_a_case_that_raises_is_a_row_and_is_told(build, caplog):
     with caplog.at_level(logging.WARNING):
-        database = build_database(AnalyticSimulator(bad=(0.06, 0.9)), CASES, out=tmp_path / "shapes.nc", scheduler=HERE)
+        database = build(bad=(0.06, 0.9))
     assert status_of(database, 0.06, 0.9) is Status.RAISED
     assert status_of(database, 0.08, 0.9) is Status.DONE
     assert "1 cases broke off with FloatingPointError: no inverse" in caplog.text
 
 
-def test_nothing_converges(tmp_path):
-    database = build_database(AnalyticSimulator(limit=0.0), CASES, out=tmp_path / "shapes.nc", scheduler=HERE)
+def test_nothing_converges(build, out):
+    database = build(limit=0.0)
     assert set(database["status"]) == {"NO_STEADY_STATE"}
     assert len(database.converged) == 0
     assert database["border_size_ratio"].size == 0
-    assert len(Database.read(tmp_path / "shapes.nc")) == len(CASES)
+    assert len(Database.read(out)) == len(CASES)
 
 
-def test_the_same_call_again_computes_nothing(tmp_path):
-    out, journal = tmp_path / "shapes.nc", tmp_path / "journal"
-    simulator = AnalyticSimulator(journal=str(journal), bad=(0.06, 0.9))
-    build_database(simulator, CASES, out=out, scheduler=HERE)
+def test_the_same_call_again_computes_nothing(build, out, tmp_path):
+    build(bad=(0.06, 0.9))
     first = out.read_bytes()
-    journal.unlink()
-    build_database(simulator, CASES, out=out, scheduler=HERE)
+    (tmp_path / "journal").unlink()
+    build(bad=(0.06, 0.9))
     assert out.read_bytes() == first
-    assert not journal.exists()
+    assert not (tmp_path / "journal").exists()
 
 
-def test_added_cases_leave_those_with_the_same_neighbour_alone(tmp_path):
-    out, journal = tmp_path / "shapes.nc", tmp_path / "journal"
-    before = build_database(AnalyticSimulator(), CASES, out=out, scheduler=HERE)
+def test_added_cases_leave_those_with_the_same_neighbour_alone(build, tmp_path):
+    before, journal = build(), tmp_path / "journal"
+    journal.unlink()
     added = [(0.055, 0.9), (0.07, 0.9), (0.05, 0.95)]
-    database = build_database(AnalyticSimulator(journal=str(journal)), CASES + added, out=out, scheduler=HERE)
+    database = build(CASES + added)
     computed = {tuple(map(float, line.split()[1::-1])) for line in journal.read_text().splitlines()}
     assert computed == {*added, (0.06, 0.9), (0.08, 0.9)}
     assert len(database) == len(before) + 3
 
 
 @pytest.mark.parametrize("harm", ["cut", "flip", "empty", "foreign"])
-def test_a_damaged_part_is_computed_again(tmp_path, harm):
-    out = tmp_path / "shapes.nc"
-    build_database(AnalyticSimulator(), CASES, out=out, scheduler=HERE)
+def test_a_damaged_part_is_computed_again(build, out, harm):
+    build()
     whole = out.read_bytes()
     victim = next(path for path in parts(out) if "size-0.9_ca-0.06_" in path.name)
     content = bytearray(victim.read_bytes())
     content[-9] ^= 1
     victim.write_bytes({"cut": content[:-40], "flip": content, "empty": b"", "foreign": b"other\n"}[harm])
-    build_database(AnalyticSimulator(), CASES, out=out, scheduler=HERE)
+    build()
     assert out.read_bytes() == whole
 
 
-def test_parts_of_other_settings_are_refused(tmp_path):
-    out = tmp_path / "shapes.nc"
-    build_database(AnalyticSimulator(), CASES[:2], out=out, scheduler=HERE)
+def test_parts_of_other_settings_are_refused(build, out):
+    build(CASES[:2])
     with pytest.raises(DatabaseError, match=r"made with other settings: refinement 8 there and 12 asked; remove it"):
-        build_database(AnalyticSimulator(refinement=12), CASES[:2], out=out, scheduler=HERE)
-    (tmp_path / "shapes.nc.parts" / "settings.json").unlink()
+        build(CASES[:2], refinement=12)
+    Path(f"{out}.parts", "settings.json").unlink()
     with pytest.raises(DatabaseError, match=r"\.part was made with other settings"):
-        build_database(AnalyticSimulator(refinement=12), CASES[:2], out=out, scheduler=HERE)
+        build(CASES[:2], refinement=12)
 
 
 def test_progress_counts_cases_and_failures_on_a_terminal_only(tmp_path, monkeypatch, capsys):
@@ -218,9 +211,9 @@ def test_progress_counts_cases_and_failures_on_a_terminal_only(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("cases", [[], [(0.05, -0.9)], [(np.nan, 0.9)], [(0.0, 0.9)]])
-def test_cases_that_are_none_or_not_positive_are_refused(tmp_path, cases):
+def test_cases_that_are_none_or_not_positive_are_refused(build, cases):
     with pytest.raises(InputError, match="cases: expected"):
-        build_database(AnalyticSimulator(), cases, out=tmp_path / "shapes.nc", scheduler=HERE)
+        build(cases)
 
 
 def test_a_killed_build_goes_on_where_it_was_and_ends_with_the_same_file(tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from capsbayes import Simulator, Status
-from capsbayes.errors import InputError
 from capsbayes.physics.load import profile, silhouette
 from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.physics.surface import D2, octasphere
@@ -78,21 +77,3 @@ def test_outlines_of_a_shape_of_lesser_symmetry():
     assert here.axial_extent == pytest.approx(2.0, abs=1e-4)
     assert whole.points[:, 0].min() == pytest.approx(nodes[:, 2].min(), abs=2e-3)
     assert whole.points[:, 0].min() < here.points[:, 0].min() - 0.02
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"cross_section": "circular", "corner_radius": 0.1}, "corner_radius: expected 0, or a square cross-section"),
-        (
-            {"cross_section": "circular", "section_aspect": 1.1},
-            "section_aspect: expected 1 for a circular cross-section, got 1.1",
-        ),
-        ({"corner_radius": 0.1, "section_aspect": 1.1}, "corner_radius: expected 0, or a square cross-section"),
-        ({"rest_aspect": 0.4}, "rest_aspect: expected a number from 0.5 to 2, got 0.4"),
-        ({"rest_aspect": float("nan")}, "rest_aspect: expected a number from 0.5 to 2, got nan"),
-    ],
-)
-def test_impossible_sections_are_refused(settings, message):
-    with pytest.raises(InputError, match=message):
-        Simulator(**settings)

@@ -87,10 +87,17 @@ def test_stiff_pre_inflation_keeps_the_rear_convex():
     assert state.profile.parachute_depth == pytest.approx(0.0, abs=1e-9)
 
 
-def test_impossible_simulators_are_refused():
-    with pytest.raises(InputError, match="bending: expected a number from 0 to 1, got -1"):
-        Simulator(bending=-1)
-    with pytest.raises(InputError, match="bending_energy: expected one of displacement, curvature, got 'rubber'"):
-        Simulator(bending_energy="rubber")
-    with pytest.raises(InputError, match="refinement: expected at least 4, got 3"):
-        Simulator(refinement=3)
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"bending": -1}, "bending: expected a number from 0 to 1, got -1"),
+        ({"bending_energy": "rubber"}, "bending_energy: expected one of displacement, curvature, got 'rubber'"),
+        ({"refinement": 3}, "refinement: expected at least 4, got 3"),
+        ({"rest_aspect": 0.4}, "rest_aspect: expected a number from 0.5 to 2, got 0.4"),
+        ({"rest_aspect": float("nan")}, "rest_aspect: expected a number from 0.5 to 2, got nan"),
+        ({"cross_section": "circular", "corner_radius": 0.1}, "corner_radius: expected 0, or a square cross-section"),
+    ],
+)
+def test_impossible_simulators_are_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        Simulator(**settings)

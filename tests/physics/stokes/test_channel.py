@@ -139,10 +139,10 @@ def test_cross_sections_by_name():
         (("hexagon",), "cross_section: expected one of square, rectangular, circular, got 'hexagon'"),
         (("circular", 0.1), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
         (("rectangular", 0.1), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
-        (("square", 0.1, 0.9), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
         (("square", -0.1), "corner_radius: expected a number between 0 and 1, got -0.1"),
         (("square", float("nan")), "corner_radius: expected a number between 0 and 1, got nan"),
         (("circular", 0.0, 0.9), "section_aspect: expected 1 for a circular cross-section, got 0.9"),
+        (("square", 0.1, 1.1), "corner_radius: expected 0, or a square cross-section of equal sides, got 0.1"),
         (("rectangular", 0.0, 3.0), "section_aspect: expected a number from 0.5 to 2, got 3.0"),
     ],
 )

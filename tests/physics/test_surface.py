@@ -1,7 +1,21 @@
+"""The mesh of the sphere, its shape functions, and quadrature on the unit triangle."""
+
+from math import factorial
+
 import numpy as np
 import pytest
 
-from capsbayes.physics.surface import C_INF_V, D4, octasphere, prolonged
+from capsbayes.physics.surface import (
+    C_INF_V,
+    LOCAL_NODES,
+    dunavant,
+    octasphere,
+    p2,
+    p2_gradient,
+    prolonged,
+    singular,
+    subdivided,
+)
 
 
 @pytest.mark.parametrize(("refinement", "unknowns"), [(6, 235), (8, 409), (12, 901)])
@@ -12,30 +26,10 @@ def test_counts_of_elements_nodes_and_free_coordinates(refinement, unknowns):
     assert mesh.expansion.shape == (3 * len(mesh.nodes), unknowns)
 
 
-@pytest.mark.parametrize("operation", range(8))
-def test_every_operation_of_the_group_maps_the_mesh_onto_itself(operation):
-    mesh = octasphere(5)
-    turned = mesh.nodes @ D4.operations[operation].T
-    distance = np.linalg.norm(turned[:, None] - mesh.nodes[None], axis=-1)
-    assert np.max(np.min(distance, axis=1)) < 1e-12
-
-
 def test_expansion_of_the_reduced_sphere_is_the_sphere():
     mesh = octasphere(6)
     free = mesh.reduced(mesh.nodes[mesh.wedge])
     np.testing.assert_allclose(mesh.expanded(free), mesh.nodes, atol=1e-14)
-
-
-def test_elements_are_counterclockwise_seen_from_outside():
-    mesh = octasphere(4)
-    a, b, c = (mesh.nodes[mesh.elements[:, k]] for k in range(3))
-    assert np.all(np.einsum("ei,ei->e", np.cross(b - a, c - a), a) > 0)
-
-
-def test_quarter_is_that_of_positive_x_and_y():
-    mesh = octasphere(4)
-    assert np.all(mesh.nodes[mesh.quarter][..., :2] > -1e-12)
-    assert 4 * len(mesh.quarter) == len(mesh.elements)
 
 
 def test_prolongation_keeps_a_smooth_symmetric_field():
@@ -71,3 +65,38 @@ def test_axisymmetric_fields_are_met_by_splines_of_the_latitude():
     assert len(free) == 64
     np.testing.assert_allclose(mesh.basis.T @ (mesh.basis @ free), free, atol=1e-13)
     np.testing.assert_allclose(mesh.expanded(free), field(mesh.nodes), atol=1e-6)
+
+
+def monomial(p, q):
+    """Integral of s^p t^q over the unit triangle."""
+    return factorial(p) * factorial(q) / factorial(p + q + 2)
+
+
+@pytest.mark.parametrize("degree", [2, 4, 5, 6])
+@pytest.mark.parametrize("times", [0, 1, 2])
+def test_regular_rules_integrate_polynomials_of_their_degree(degree, times):
+    rule = subdivided(dunavant(degree), times)
+    for p in range(degree + 1):
+        q = degree - p
+        value = rule.weights @ (rule.points[:, 0] ** p * rule.points[:, 1] ** q)
+        assert value == pytest.approx(monomial(p, q), abs=1e-13)
+
+
+@pytest.mark.parametrize("node", range(6))
+def test_singular_rules_integrate_one_over_distance(node):
+    """Against the rule of a much higher order, to which they converge exponentially."""
+    coarse, fine = singular(node, 8), singular(node, 40)
+    values = [rule.weights @ (1 / np.linalg.norm(rule.points - LOCAL_NODES[node], axis=1)) for rule in (coarse, fine)]
+    assert values[0] == pytest.approx(values[1], rel=2e-5)
+    assert np.sum(coarse.weights) == pytest.approx(0.5, rel=1e-13)
+
+
+def test_shape_functions_are_one_at_their_node_and_sum_to_one():
+    np.testing.assert_allclose(p2(LOCAL_NODES), np.eye(6), atol=1e-15)
+    points = np.random.default_rng(1).uniform(0, 0.5, (20, 2))
+    np.testing.assert_allclose(p2(points).sum(-1), 1.0)
+    step = 1e-6
+    for axis in range(2):
+        shift = step * np.eye(2)[axis]
+        difference = (p2(points + shift) - p2(points - shift)) / (2 * step)
+        np.testing.assert_allclose(p2_gradient(points)[..., axis], difference, atol=1e-9)
