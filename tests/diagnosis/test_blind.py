@@ -40,41 +40,35 @@ def parachute(square_database):
     return np.array(there["profile"][np.argmax(there["parachute_depth"])])
 
 
-def test_grown_circle_is_a_larger_circle():
-    seen = Profile.from_outline(grown(CIRCLE, 0.1))
-    np.testing.assert_allclose(np.hypot(*seen.points.T), 1.1, atol=1e-4)
+def breadth(profile):
+    return np.ptp(profile.points[:, 1])
 
 
-def test_grown_parachute_is_longer_by_twice_the_distance_and_as_deep(parachute):
-    before, after = Profile.from_outline(parachute), Profile.from_outline(grown(parachute, 0.02))
-    assert after.axial_extent == pytest.approx(before.axial_extent + 0.04, abs=1e-6)
-    assert after.parachute_depth == pytest.approx(before.parachute_depth, abs=1e-4)
-
-
-def test_smear_covers_what_the_shape_covers_on_its_way(parachute):
-    length = 0.05
-    before, after = Profile.from_outline(parachute), Profile.from_outline(smeared(parachute, length))
-    assert after.axial_extent == pytest.approx(before.axial_extent + length, abs=1e-6)
-    assert after.axial_length == pytest.approx(before.axial_length + length, abs=1e-6)
-    assert np.ptp(after.points[:, 1]) == pytest.approx(np.ptp(before.points[:, 1]))
+@pytest.mark.parametrize(
+    ("change", "factor", "length", "numbers"),
+    [
+        (lambda edge: grown(edge, 0.02), 1.0, 0.04, ("axial_extent",)),
+        (lambda edge: grown(edge, 0.02), 1.0, 0.0, ("parachute_depth",)),
+        (lambda edge: smeared(edge, 0.05), 1.0, 0.05, ("axial_extent", "axial_length")),
+        (lambda edge: smeared(edge, 0.05), 1.0, 0.0, ("breadth",)),
+        (lambda edge: enlarged(edge, 1.03, 1.03), 1.03**2, 0.0, ("area",)),
+        (lambda edge: enlarged(edge, 1.03, 1.03), 1.03, 0.0, ("axial_length",)),
+        (lambda edge: enlarged(edge, 1.03, 1.0), 1.03, 0.0, ("area",)),
+        (lambda edge: enlarged(edge, 1.03, 1.0), 1.0, 0.0, ("breadth",)),
+    ],
+)
+def test_a_microscope_changes_a_parachute_as_geometry_says(parachute, change, factor, length, numbers):
+    before, after = (Profile.from_outline(edge) for edge in (parachute, change(parachute)))
+    for name in numbers:
+        old, new = (breadth(seen) if name == "breadth" else getattr(seen, name) for seen in (before, after))
+        assert new == pytest.approx(factor * old + length, abs=1e-4 if name == "parachute_depth" else 1e-6), name
     assert smeared(parachute, 0.0) is parachute
 
 
-def test_smeared_circle_gains_the_area_of_its_way():
-    seen = Profile.from_outline(smeared(CIRCLE, 0.2))
-    assert seen.area == pytest.approx(Profile.from_outline(CIRCLE).area + 0.4, rel=1e-3)
-
-
-def test_enlarged_shape_is_similar(parachute):
-    before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.03))
-    assert after.area == pytest.approx(1.03**2 * before.area)
-    assert after.axial_length == pytest.approx(1.03 * before.axial_length)
-
-
-def test_oblong_pixels_stretch_the_flow_direction_alone(parachute):
-    before, after = Profile.from_outline(parachute), Profile.from_outline(enlarged(parachute, 1.03, 1.0))
-    assert after.area == pytest.approx(1.03 * before.area)
-    assert np.ptp(after.points[:, 1]) == pytest.approx(np.ptp(before.points[:, 1]))
+def test_a_circle_grows_to_a_circle_and_smears_over_the_area_of_its_way():
+    np.testing.assert_allclose(np.hypot(*Profile.from_outline(grown(CIRCLE, 0.1)).points.T), 1.1, atol=1e-4)
+    gained = Profile.from_outline(smeared(CIRCLE, 0.2)).area - Profile.from_outline(CIRCLE).area
+    assert gained == pytest.approx(0.4, abs=3e-3)
 
 
 def test_a_barrel_leaves_the_circle_through_the_walls_and_shortens_what_is_longer():
@@ -99,50 +93,49 @@ def drawn(database, effect=NONE, size=0.0, *, capsules=40, seed=5):
     return draw_session(database, effect, size, lab=Lab(), capsules=capsules, seed=seed)
 
 
-def test_same_seed_gives_the_same_session(square_database):
-    first, again, other = (drawn(square_database, seed=seed) for seed in (5, 5, 6))
-    for one, two in zip(first.session.measurements, again.session.measurements, strict=True):
-        np.testing.assert_array_equal(one.outline.points, two.outline.points)
-    assert first.truth() == again.truth()
-    assert first.truth() != other.truth()
+@pytest.fixture(scope="module")
+def sessions(square_database):
+    return [drawn(square_database, seed=seed) for seed in range(10)]
 
 
-def test_population_is_that_of_the_lab(square_database):
-    moduli = np.concatenate([drawn(square_database, seed=seed).log_modulus for seed in range(10)])
+def test_same_seed_gives_the_same_session_and_its_truth_can_be_kept_as_text(square_database, sessions):
+    again = drawn(square_database, seed=5)
+    for first, second in zip(sessions[5].session.measurements, again.session.measurements, strict=True):
+        np.testing.assert_array_equal(first.outline.points, second.outline.points)
+    assert sessions[5].truth() == again.truth()
+    assert again.truth() != sessions[6].truth()
+    stored = json.loads(json.dumps(drawn(square_database, TRUE_EFFECTS["halo"], 4e-7).truth()))
+    assert (stored["effect"], stored["size"], len(stored["capsules"])) == ("halo", 4e-7, 40)
+
+
+def test_population_is_that_of_the_lab_and_capsules_that_of_the_flow(sessions):
+    moduli, lab = np.concatenate([blind.log_modulus for blind in sessions]), Lab()
     assert np.mean(moduli) == pytest.approx(np.log(0.05), abs=0.03)
     assert np.std(moduli) == pytest.approx(0.1, abs=0.04)
-
-
-def test_modulus_does_not_depend_on_size_unless_that_is_the_effect(square_database):
-    def slope(effect, size):
-        sessions = [drawn(square_database, effect, size, seed=seed) for seed in range(10)]
-        log_size = np.log([one.size_ratio for each in sessions for one in each.capsules])
-        return np.polyfit(log_size, np.concatenate([each.log_modulus for each in sessions]), 1)[0]
-
-    assert slope(NONE, 0.0) == pytest.approx(0.0, abs=0.25)
-    assert slope(TRUE_EFFECTS["modulus_slope"], 1.5) == pytest.approx(1.5, abs=0.3)
-
-
-def test_capillary_number_size_and_velocity_belong_together(square_database):
-    lab = Lab()
-    for one in drawn(square_database).capsules:
-        speed = one.capillary_number * one.surface_shear_modulus / lab.viscosity
+    for capsule in sessions[5].capsules:
+        speed = capsule.capillary_number * capsule.surface_shear_modulus / lab.viscosity
         assert min(abs(speed / np.array(lab.mean_velocities) - 1.0)) < 1e-12
-        assert 1.0 < one.capsule_velocity / speed < 2.0
-        assert one.capsule_radius == pytest.approx(one.size_ratio * lab.half_width)
+        assert 1.0 < capsule.capsule_velocity / speed < 2.0
+        assert capsule.capsule_radius == pytest.approx(capsule.size_ratio * lab.half_width)
 
 
-def test_lengths_and_outline_err_as_stated(square_database):
-    away = []
-    for seed in range(10):
-        blind = drawn(square_database, seed=seed)
-        for capsule, seen in zip(blind.capsules, blind.session.measurements, strict=True):
-            truth = Profile.from_outline(capsule.outline)
-            away.append([seen.axial_extent - truth.axial_extent, seen.capsule_velocity / capsule.capsule_velocity - 1])
-    away = np.array(away)
-    assert np.mean(away[:, 0]) == pytest.approx(0.0, abs=0.003)
-    assert np.std(away[:, 0]) == pytest.approx(np.sqrt(2.0) * 0.01, rel=0.15)
-    assert np.std(away[:, 1]) == pytest.approx(0.01, rel=0.15)
+def test_modulus_does_not_depend_on_size_unless_that_is_the_effect(square_database, sessions):
+    def slope(drawn_sessions):
+        log_size = np.log([capsule.size_ratio for blind in drawn_sessions for capsule in blind.capsules])
+        return np.polyfit(log_size, np.concatenate([blind.log_modulus for blind in drawn_sessions]), 1)[0]
+
+    sloping = [drawn(square_database, TRUE_EFFECTS["modulus_slope"], 1.5, seed=seed) for seed in range(10)]
+    assert slope(sessions) == pytest.approx(0.0, abs=0.25)
+    assert slope(sloping) == pytest.approx(1.5, abs=0.3)
+
+
+def test_lengths_and_outline_err_as_stated(sessions):
+    pairs = [pair for blind in sessions for pair in zip(blind.capsules, blind.session.measurements, strict=True)]
+    extent = [seen.axial_extent - Profile.from_outline(capsule.outline).axial_extent for capsule, seen in pairs]
+    velocity = [seen.capsule_velocity / capsule.capsule_velocity for capsule, seen in pairs]
+    assert np.mean(extent) == pytest.approx(0.0, abs=0.003)
+    assert np.std(extent) == pytest.approx(np.sqrt(2.0) * 0.01, rel=0.15)
+    assert np.std(velocity) == pytest.approx(0.01, rel=0.15)
 
 
 def test_errors_have_the_stated_covariance_and_heavy_tails_keep_it():
@@ -159,22 +152,16 @@ def test_errors_have_the_stated_covariance_and_heavy_tails_keep_it():
     assert np.mean((first / np.std(first)) ** 4) > 5.0
 
 
-def test_truth_can_be_kept_as_text(square_database):
-    blind = drawn(square_database, TRUE_EFFECTS["halo"], 4e-7)
-    told = json.loads(json.dumps(blind.truth()))
-    assert (told["effect"], told["size"], len(told["capsules"])) == ("halo", 4e-7, 40)
-
-
 def test_swelling_wrong_pixels_and_a_pattern_are_seen(square_database):
-    before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["swelling"], 5.0)
-    for one, other in zip(before.capsules, after.capsules, strict=True):
+    before, swollen = drawn(square_database), drawn(square_database, TRUE_EFFECTS["swelling"], 5.0)
+    for one, other in zip(before.capsules, swollen.capsules, strict=True):
         factor = 1.0 + 5.0 * one.capsule_velocity
         assert other.capsule_radius == pytest.approx(factor * one.capsule_radius)
         assert np.ptp(other.outline[:, 0]) == pytest.approx(factor * np.ptp(one.outline[:, 0]))
     for one in drawn(square_database, TRUE_EFFECTS["pixel_scale"], 0.02).capsules:
         assert one.velocity_seen == pytest.approx(1.02 * one.capsule_velocity)
-    before, after = drawn(square_database), drawn(square_database, TRUE_EFFECTS["pattern"], 0.02)
-    for one, other in zip(before.capsules, after.capsules, strict=True):
+    patterned = drawn(square_database, TRUE_EFFECTS["pattern"], 0.02)
+    for one, other in zip(before.capsules, patterned.capsules, strict=True):
         moved = np.hypot(*(other.outline - one.outline).T)
         assert np.sqrt(np.mean(moved**2)) == pytest.approx(0.02, rel=0.2)
 

@@ -3,6 +3,7 @@
 This is the least to ask: an effect that is hidden by the simulator, or drawn by other code, is harder.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,6 @@ from sessions import EXPERIMENT, drawn_session
 from capsbayes import MembraneSurrogate, Session, Surrogate
 from capsbayes.diagnosis.diagnosis import Verdict, diagnose, summary
 from capsbayes.diagnosis.finding import Deviation, Finding
-from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.scores import _about_the_best, log_likelihood, population, whitening
 from capsbayes.diagnosis.verification import MeanRatio
 from capsbayes.effects import Halo, ModulusSlope, MotionBlur, PixelScale, catalogue
 from capsbayes.model import FixedParameters
@@ -22,11 +21,6 @@ from capsbayes.report.study import candidate_table, opening
 
 CAPSULES = 40
 OPTICAL = {one.parameter.name: one for one in (Halo(), MotionBlur(), PixelScale())}
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Surrogate.open("square-neo-hookean")
 
 
 def session_with(model, name, size, *, seed=7):
@@ -44,7 +38,10 @@ def test_a_right_model_misses_nothing(model):
 
 def test_a_few_capsules_tell_nothing(model):
     session, _ = drawn_session(model, 6, seed=11, outline=True)
-    assert diagnose(session, model, seed=3).verdict is Verdict.NOT_TESTABLE
+    study = diagnose(session, model, seed=3)
+    assert study.verdict is Verdict.NOT_TESTABLE
+    stored = json.loads(json.dumps(summary(study), allow_nan=False))
+    assert (stored["candidates"], stored["held_out"], stored["finding"]["deviations"]) == ([], None, [])
 
 
 @pytest.mark.slow
@@ -194,13 +191,6 @@ def test_without_any_candidate_the_modulus_is_that_with_something_else(model):
     assert 0.0 < found.low < found.median < found.high
 
 
-def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_either_side():
-    sizes = [0.0, 1.0, 2.5]
-    totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]
-    assert sorted(_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])
-    assert _about_the_best(sizes, [0.0, 0.0, 0.0]) == [0.5]  # the first is as good as any
-
-
 def test_a_model_with_held_sizes_is_that_at_these_sizes(model):
     theta = {"capillary_number": np.array([0.03, 0.07]), "size_ratio": np.array([0.85, 0.9])}
     held = FixedParameters(model + PixelScale(), {"pixel_scale": 0.02})
@@ -208,25 +198,6 @@ def test_a_model_with_held_sizes_is_that_at_these_sizes(model):
     np.testing.assert_array_equal(held(theta).values, due.values)
     assert held.sha256 != FixedParameters(model + PixelScale(), {"pixel_scale": 0.01}).sha256
     assert (held + Halo()).name == "square-neo-hookean + pixel scale + halo"
-
-
-def test_spread_of_a_population_without_its_errors():
-    rng = np.random.default_rng(5)
-    errors = rng.uniform(0.02, 0.2, 4000)
-    found = population(rng.normal(1.3, np.hypot(errors, 0.1)), errors**2)
-    assert found.mean == pytest.approx(1.3, abs=0.01)
-    assert found.spread == pytest.approx(0.1, abs=0.01)
-    assert population(rng.normal(1.3, errors), 4.0 * errors**2).spread == 0.0
-
-
-def test_a_capsule_that_a_model_cannot_have_made_is_less_likely_than_any_other(model):
-    session, _ = drawn_session(model, CAPSULES, seed=9, outline=True)
-    fits = fitted(model, session, whitening(model, session))
-    lost = np.arange(CAPSULES) < 3
-    found = log_likelihood(replace(fits, known=fits.known & ~lost))
-    assert found[lost].max() < found[~lost].min()
-    assert found.sum() < log_likelihood(fits).sum()
-    assert np.isfinite(log_likelihood(replace(fits, known=np.zeros(CAPSULES, dtype=bool)))).all()
 
 
 def test_what_only_one_half_shows_is_no_disagreement(model):

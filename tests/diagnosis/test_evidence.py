@@ -8,13 +8,11 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 from sessions import drawn_session
 
-from capsbayes import Surrogate
 from capsbayes.diagnosis import NOTHING, UNKNOWN, Scores
 from capsbayes.diagnosis.finding import find
-from capsbayes.diagnosis.fits import Trend, fitted
+from capsbayes.diagnosis.fits import Process, Trend, fitted
 from capsbayes.diagnosis.scores import (
     Discrepancy,
-    _Process,
     _spectrum,
     displacement_modes,
     region_displacements,
@@ -23,11 +21,6 @@ from capsbayes.diagnosis.scores import (
 from capsbayes.diagnosis.search import evidences, probabilities
 from capsbayes.effects import Halo, PixelScale
 from capsbayes.profile import vertex_normals
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Surrogate.open("square-neo-hookean")
 
 
 def scores_at(effect, sizes, totals):
@@ -56,50 +49,34 @@ def compared(model):
     return session, white, fitted(model, session, white)
 
 
-def test_a_process_is_integrated_as_by_its_whole_covariance(compared):
-    """Of the evidence with a single amplitude, the dense covariance of all residuals is another route."""
-    session, white, fits = compared
-    seen = [each.likelihood.whitened_displacement(displacement_modes(each.likelihood.pilot)) for each in white.each]
-    bases = [np.linalg.qr(slopes)[0] for slopes in fits.slopes]
-    left = [modes - (modes @ basis) @ basis.T for modes, basis in zip(seen, bases, strict=True)]
-    variances = np.full(len(left[0]), 0.003**2)
-    rows = np.hstack(left) * np.sqrt(variances)[:, None]
-    residuals = np.concatenate(fits.residuals)
-    same = multivariate_normal(cov=np.eye(len(residuals)))
-    due = multivariate_normal(cov=np.eye(len(residuals)) + rows.T @ rows).logpdf(residuals) - same.logpdf(residuals)
-    found = Discrepancy.of(session, white, fits)
-    process = _Process.of(
-        *(found.information.sum(axis=0), found.shift.sum(axis=0)), found.response.mean(axis=0), variances
-    )
-    assert process.log_evidence == pytest.approx(due, rel=1e-6)
-    amplitudes = np.linalg.inv(found.information.sum(axis=0) + np.diag(1.0 / variances))
-    response = found.response.mean(axis=0)
-    assert process.change == pytest.approx(response @ amplitudes @ found.shift.sum(axis=0), rel=1e-6)
-    assert process.variance == pytest.approx(response @ amplitudes @ response, rel=1e-6)
+SHARED = 0.003**2  # variance of each amplitude that all capsules have in common
 
 
-def test_noise_of_single_capsules_is_integrated_as_by_its_whole_covariance(compared):
+@pytest.mark.parametrize("noise", [0.0, 0.006])
+def test_displacements_are_integrated_as_by_their_whole_covariance(compared, noise):
     """A displacement of each capsule for itself next to one that all share: the dense covariance is another route."""
     session, white, fits = compared
     found = Discrepancy.of(session, white, fits)
-    rest, log_evidence = found._without(0.006)
-    shared = np.full(found.information.shape[1], 0.003**2)
-    process = _Process.of(*(rest.information.sum(axis=0), rest.shift.sum(axis=0)), rest.response.mean(axis=0), shared)
-    each = (found.information.shape[1] - 5, 0.006**2 * _spectrum(0.05))
-    covariances, rows = [], []
+    rest, of_noise = found._without(noise)
+    count = found.information.shape[1]
+    information, shift, response = rest.information.sum(axis=0), rest.shift.sum(axis=0), rest.response.mean(axis=0)
+    process = Process.of(information, shift, response, np.full(count, SHARED))
+    each, rows = [], []
     for slopes, seen in zip(fits.slopes, white.each, strict=True):
         modes = seen.likelihood.whitened_displacement(displacement_modes(seen.likelihood.pilot))
         basis = np.linalg.qr(slopes)[0]
         left = modes - (modes @ basis) @ basis.T
-        along_arc = left[: each[0]]
-        covariances.append(np.eye(left.shape[1]) + (along_arc.T * each[1]) @ along_arc)
-        rows.append(left * np.sqrt(shared)[:, None])
-    residuals = np.concatenate(fits.residuals)
-    together = np.hstack(rows)
-    covariance = block_diag(*covariances) + together.T @ together
-    plain = multivariate_normal(cov=np.eye(len(residuals))).logpdf(residuals)
-    due = multivariate_normal(cov=covariance).logpdf(residuals) - plain
-    assert log_evidence + process.log_evidence == pytest.approx(due, rel=1e-6)
+        of_arc = left[: count - 5]  # without the distortions of the camera
+        each.append(np.eye(left.shape[1]) + (of_arc.T * noise**2 * _spectrum(0.05)) @ of_arc)
+        rows.append(left * np.sqrt(SHARED))
+    residuals, together = np.concatenate(fits.residuals), np.hstack(rows)
+    covariance = block_diag(*each) + together.T @ together
+    due = multivariate_normal(cov=covariance).logpdf(residuals)
+    due -= multivariate_normal(cov=np.eye(len(residuals))).logpdf(residuals)
+    assert of_noise + process.log_evidence == pytest.approx(due, rel=1e-6)
+    amplitudes = np.linalg.inv(information + np.eye(count) / SHARED)
+    assert process.change == pytest.approx(response @ amplitudes @ shift, rel=1e-6)
+    assert process.variance == pytest.approx(response @ amplitudes @ response, rel=1e-6)
 
 
 @pytest.mark.parametrize(("drawn", "least", "most"), [(0.01, 0.0, 0.005), (0.02, 0.012, 0.025)])

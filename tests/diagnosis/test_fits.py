@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from sessions import drawn_session
 
-from capsbayes import Surrogate
 from capsbayes.diagnosis.fits import _to_try_again, fitted
 from capsbayes.diagnosis.scores import whitening
 from capsbayes.diagnosis.session import Session
 from capsbayes.effects import Halo, catalogue
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Surrogate.open("square-neo-hookean")
 
 
 @pytest.mark.parametrize("outline", [False, True])

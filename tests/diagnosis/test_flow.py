@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capsbayes import Session, Surrogate
+from capsbayes import Session
 from capsbayes.database import Database
 from capsbayes.diagnosis import Verdict, diagnose, find
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, draw_session
@@ -35,11 +35,6 @@ FAULTS = {
     "flow_rate_error": (FlowRateError(), 0.05, -5.0),
     "half_width_error": (HalfWidthError(), 0.03, 9.0),
 }
-
-
-@pytest.fixture(scope="module")
-def model():
-    return Surrogate.open("square-neo-hookean")
 
 
 @pytest.fixture(scope="module")

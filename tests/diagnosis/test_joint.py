@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sessions import drawn_session
 
-from capsbayes import MembraneSurrogate, Surrogate
+from capsbayes import MembraneSurrogate
 from capsbayes.diagnosis.finding import _DESIGN, _parabola, score_jointly
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import Trial, log_likelihood, whitening
@@ -16,21 +16,20 @@ TRUTH = {"halo": 0.5e-6, "exposure": 5e-4}
 
 def test_parabola_is_that_of_six_points():
     bend, top = np.array([[-2.0, 0.8], [0.8, -1.0]]), np.array([0.3, -0.7])
-    totals = np.array([5.0 + 0.5 * (one - top) @ bend @ (one - top) for one in _DESIGN])
+    totals = np.array([5.0 + 0.5 * (point - top) @ bend @ (point - top) for point in _DESIGN])
     found, curvature = _parabola(totals)
     np.testing.assert_allclose(found, top)
     np.testing.assert_allclose(curvature, bend)
 
 
 @pytest.fixture(scope="module")
-def scene():
-    model = Surrogate.open("square-neo-hookean")
+def scene(model):
     session, _ = drawn_session(model + Halo() + MotionBlur(), 30, seed=5, outline=True, sizes=TRUTH)
     white = whitening(model, session)
-    first = Trial(model, Halo(), session, white, fitted(model, session, white)).scores
+    first = Trial(model, Halo(), session, white, fitted(model, session, white)).explored().scores
     held = FixedParameters(model + Halo(), {"halo": first.size})
     alone = fitted(held, session, white)
-    second = Trial(held, MotionBlur(), session, white, alone).scores
+    second = Trial(held, MotionBlur(), session, white, alone).explored().scores
     return model, session, white, first, second, alone
 
 
@@ -79,16 +78,16 @@ def test_what_was_measured_elsewhere_counts(scene, both):
 
 
 @pytest.mark.slow
-def test_two_effects_of_the_membrane_are_found_far_from_where_one_alone_is_likeliest():
+def test_two_effects_of_the_membrane_are_found_far_from_where_one_alone_is_likeliest(model):
     """The states over the whole membrane are the truth: alone, the inflation absorbs most of the hardening."""
     truth = {"pre_inflation": 0.04, "strain_hardening": 0.9}
-    model, (inflation, hardening) = Surrogate.open("square-neo-hookean"), (SIMULATED[name] for name in truth)
+    inflation, hardening = (SIMULATED[name] for name in truth)
     session, known = drawn_session(MembraneSurrogate.open("square").fixed(**truth), 20, seed=5, outline=True)
     white = whitening(model, session)
-    first = Trial(model, inflation, session, white, fitted(model, session, white)).scores
+    first = Trial(model, inflation, session, white, fitted(model, session, white)).explored().scores
     held = FixedParameters(model + inflation, {"pre_inflation": first.size})
     alone = fitted(held, session, white)
-    second = Trial(held, hardening, session, white, alone).scores
+    second = Trial(held, hardening, session, white, alone).explored().scores
     assert first.size > 0.045
     assert second.size < 0.6
     found = score_jointly(model, first, second, session, white, alone, {})

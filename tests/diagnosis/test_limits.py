@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sessions import drawn_session
 
-from capsbayes import Surrogate
 from capsbayes.diagnosis.finding import TWO_SIGMA, limit_scores, limits_table, session_modulus
 from capsbayes.diagnosis.fits import fitted
 from capsbayes.diagnosis.scores import Scores, whitening
@@ -57,8 +56,7 @@ def test_the_session_modulus_holds_size_effect_and_viscosity():
     assert np.isnan(session_modulus([(1.0, ())], np.full(3, np.nan), 0.0, 1).median)
 
 
-def test_what_could_hide_is_limited_by_the_capsules_and_by_what_was_measured_elsewhere():
-    model = Surrogate.open("square-neo-hookean")
+def test_what_could_hide_is_limited_by_the_capsules_and_by_what_was_measured_elsewhere(model):
     session, _ = drawn_session(model, 14, seed=4, outline=True)
     white = whitening(model, session)
     candidates = {each.parameter.name: each for each in (Halo(), ViscosityError())}

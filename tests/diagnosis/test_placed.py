@@ -7,7 +7,7 @@ import pytest
 from command_line import run
 from sessions import drawn_session
 
-from capsbayes import Measurement, Session, Surrogate, diagnose
+from capsbayes import Measurement, Session, diagnose
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.measurement import MeasuredOutline, OutlineNoise, check_placed
 from capsbayes.measurement_sets import write_set
@@ -20,8 +20,8 @@ PLACED = {
 
 
 @pytest.fixture(scope="module")
-def outlined():
-    return drawn_session(Surrogate.open("square-neo-hookean"), 6, seed=3, outline=True)[0]
+def outlined(model):
+    return drawn_session(model, 6, seed=3, outline=True)[0]
 
 
 def placed(session, place):
@@ -58,12 +58,12 @@ def test_points_on_a_line_are_no_outline():
         check_placed(line, 2.0, "line.csv")
 
 
-def test_capsules_without_a_shape_of_the_model_are_one_line():
+def test_capsules_without_a_shape_of_the_model_are_one_line(model):
     """Too long for any shape: there is nothing to compare."""
-    session, _ = drawn_session(Surrogate.open("square-neo-hookean"), 12, seed=3)
+    session, _ = drawn_session(model, 12, seed=3)
     long = [replace(seen, axial_extent=1.9 * seen.axial_extent) for seen in session.measurements]
     with pytest.raises(NoShapeError, match=r"capsules some of which have a shape of square-neo-hookean, got 6 without"):
-        diagnose(Session(long, session.experiment), Surrogate.open("square-neo-hookean"), seed=1)
+        diagnose(Session(long, session.experiment), model, seed=1)
 
 
 @pytest.mark.parametrize("command", ["diagnose", "batch", "membrane", "identify"])

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from capsbayes.diagnosis import scores as scoring
-from capsbayes.diagnosis.scores import Scores, Trial, log_likelihood, log_of_measured, population
+from capsbayes.diagnosis.scores import Scores, Trial, _about_the_best, log_likelihood, population
 from capsbayes.diagnosis.session import FlowOffsets
 from capsbayes.effects import catalogue
 
@@ -114,38 +114,26 @@ def test_its_evidence_is_the_likelihood_averaged_over_the_prior(scores):
     assert scores.evidence == pytest.approx(np.log(mean / quad(prior.pdf, 0.0, 0.1)[0]), abs=1e-4)
 
 
-def test_an_independent_measurement_is_a_normal_likelihood():
-    assert log_of_measured(0.03, None) == 0.0
-    assert log_of_measured(0.03, (0.02, 0.005)) == pytest.approx(-2.0)
-    assert log_of_measured(0.01, (0.02, 0.005)) == pytest.approx(-2.0)
-
-
 def test_the_size_and_its_interval_are_said_in_the_unit_of_the_parameter(scores):
     symbol = scores.effect.parameter.symbol
     assert str(scores) == f"{scores.effect.name}, {symbol} = 0.03 [0.02, 0.04]"
 
 
-def test_sizes_that_are_as_likely_are_the_nearest_to_nothing():
-    effect = catalogue()["pixel_scale"]
-    sizes = np.array([-0.04, -0.02, 0.0, 0.03, 0.05])
-    for totals, best in (
-        ([0.0, 0.0, 0.0, 0.0, 0.0], 0.0),
-        ([3.0, 3.0, 0.0, 3.0, 3.0], -0.02),
-        ([0.0, 0.0, 0.0, 1e-8, 1e-8], 0.0),
-        ([0.0, 0.0, 0.0, 1e-4, 0.0], 0.03),
-    ):
-        scores = Scores(effect, sizes, np.array(totals)[:, None], np.zeros(5), np.ones(5))
-        assert scores.size == best, totals
-        assert scores.sizes[scores.null] == 0.0
-
-
-def test_sizes_are_compared_with_the_null_value_wherever_it_lies():
-    effect = SimpleNamespace(null_value=1.0)
-    sizes, totals = np.array([-1.0, 0.5, 1.0, 1.2, 3.0]), np.array([4.0, 4.0, 1.0, 4.0, 4.0])
-    scores = Scores(effect, sizes, totals[:, None], np.zeros(5), np.ones(5))
-    assert scores.sizes[scores.null] == 1.0
-    assert scores.size == 1.2
-    assert scores.log_likelihood_ratio == pytest.approx(3.0)
+@pytest.mark.parametrize(
+    ("null", "totals", "best"),
+    [
+        (0.0, [0.0, 0.0, 0.0, 0.0, 0.0], 0.0),
+        (0.0, [3.0, 3.0, 0.0, 3.0, 3.0], -0.02),
+        (0.0, [0.0, 0.0, 0.0, 1e-8, 1e-8], 0.0),
+        (0.0, [0.0, 0.0, 0.0, 1e-4, 0.0], 0.03),
+        (0.03, [4.0, 4.0, 4.0, 1.0, 4.0], 0.05),
+    ],
+)
+def test_sizes_that_are_as_likely_are_the_nearest_to_nothing(null, totals, best):
+    effect, sizes = SimpleNamespace(null_value=null), np.array([-0.04, -0.02, 0.0, 0.03, 0.05])
+    scores = Scores(effect, sizes, np.array(totals)[:, None], np.zeros(5), np.ones(5))
+    assert (scores.size, scores.sizes[scores.null]) == (best, null)
+    assert scores.log_likelihood_ratio == pytest.approx(totals[sizes.tolist().index(best)] - totals[scores.null])
 
 
 def test_an_effect_as_visible_changes_the_modulus_as_the_size_whose_likelihood_is_as_far_above_none(scores):
@@ -198,7 +186,7 @@ def trial(monkeypatch):
 
         tried.clear()
         monkeypatch.setattr(scoring, "fitted", refitted)
-        return Trial(Doubled(), effect, None, None, fits_at(effect.null_value), measured)
+        return Trial(Doubled(), effect, None, None, fits_at(effect.null_value), measured).explored()
 
     return start, tried
 
@@ -213,6 +201,13 @@ def test_refining_a_profile_finds_its_top_its_error_and_its_height(trial, top, e
     assert scores.log_likelihood_ratio == pytest.approx(0.5 * (top / error) ** 2, rel=0.01)
     assert np.all(np.diff(scores.sizes) > 0.0)
     assert len(scores.sizes) < 25
+
+
+def test_next_sizes_are_the_top_of_a_parabola_and_two_standard_errors_either_side():
+    sizes = [0.0, 1.0, 2.5]
+    totals = [-0.5 * ((size - 1.2) / 0.3) ** 2 for size in sizes]
+    assert sorted(_about_the_best(sizes, totals)) == pytest.approx([0.6, 1.2, 1.8])
+    assert _about_the_best(sizes, [0.0, 0.0, 0.0]) == [0.5]  # the first is as good as any
 
 
 def test_each_fit_begins_where_the_nearest_size_ended(trial):

@@ -278,6 +278,16 @@ def test_the_pose_of_an_outline_is_kept_or_refused(tmp_path):
             Session.read(tmp_path / "set")
 
 
+def test_a_file_of_outlines_keeps_and_holds_one_view(tmp_path):
+    mid_plane, *others = session(outline=True).measurements
+    silhouettes = [replace(each, outline=replace(each.outline, view="silhouette")) for each in others]
+    Session(silhouettes, EXPERIMENT).write(tmp_path / "set.nc")
+    again = Session.read(tmp_path / "set.nc", EXPERIMENT)
+    assert {each.outline.view for each in again.measurements} == {"silhouette"}
+    with pytest.raises(InputError, match=r"outline\.view: expected outlines of one view, got mid-plane, silhouette"):
+        Session([mid_plane, *silhouettes], EXPERIMENT).write(tmp_path / "set.nc")
+
+
 def test_an_experiment_is_read_back(tmp_path):
     known = Experiment(cross_section="circular", half_width=30e-6, viscosity=EXPERIMENT.viscosity)
     known.write(tmp_path / "experiment.toml")

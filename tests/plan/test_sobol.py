@@ -98,6 +98,13 @@ def test_a_range_is_read_in_any_unit():
     assert varied_range("1.7 .. 1.9", "axial_length").sd == pytest.approx(0.2 / 12**0.5)
 
 
+def test_lengths_in_metres_are_shown_in_micrometres(capsule, shipped, experiment):
+    lengths = ("axial_extent", "axial_extent_error", "axial_length", "axial_length_error")
+    metres = replace(capsule, over_half_width=False, **{name: 25e-6 * getattr(capsule, name) for name in lengths})
+    ranges = sobol_indices(metres, shipped, experiment, seed=1, samples=8).ranges
+    assert ranges["axial_extent"].shown("axial_extent") == "53.5 +/- 0.25 µm"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [

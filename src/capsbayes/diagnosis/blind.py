@@ -570,7 +570,7 @@ def simulate_session(
     seed: int,
     shapes: str | os.PathLike[str],
     outline: bool = True,
-    refinement: int | None = None,
+    refinement: int = _REFINEMENT,
     workers: int | None = None,
 ) -> BlindSession:
     """Draw some capsules from a lab's population, simulate each at its own Ca and size, and measure them."""
@@ -580,8 +580,7 @@ def simulate_session(
     modulus, size_ratio, speed = effect.lab(lab, size).drawn(rng, int(np.ceil(_SPARE * capsules)))
     ca = capillary_number(viscosity=lab.viscosity, mean_velocity=speed, surface_shear_modulus=modulus)
     cases = list(zip(np.round(np.maximum(ca, _LOWEST), _DIGITS), np.round(size_ratio, _DIGITS), strict=True))
-    simulator = simulator_with(effect, size) if refinement is None else simulator_with(effect, size, refinement)
-    built = build_database(simulator, cases, out=shapes, workers=workers).converged
+    built = build_database(simulator_with(effect, size, refinement), cases, out=shapes, workers=workers).converged
     rows = [_row(built, *case) for case in cases]
     pairs = [(row, float(velocity)) for row, velocity in zip(rows, speed, strict=True) if row is not None][:capsules]
     if len(pairs) < capsules:

@@ -487,15 +487,14 @@ def _with_a_second(
 
 def _with_own_errors(steps: tuple[Step, ...], session: Session) -> tuple[Step, ...]:
     """Give the sizes of the effects in question the error that the model's own error makes."""
-
-    def with_own_error(step: Step, name: str) -> Scores:
-        scores = step.scores[name]
-        return replace(scores, own_error=own_size_error(step.models[name], scores, session))
-
-    return tuple(
-        replace(step, scores={**step.scores, **{name: with_own_error(step, name) for name in step.in_question}})
-        for step in steps
-    )
+    with_errors = []
+    for step in steps:
+        scores = dict(step.scores)
+        for name in step.in_question:
+            own_error = own_size_error(step.models[name], scores[name], session)
+            scores[name] = replace(scores[name], own_error=own_error)
+        with_errors.append(replace(step, scores=scores))
+    return tuple(with_errors)
 
 
 def _clearly_likelier(evidence: Mapping[str, float]) -> bool:

@@ -17,16 +17,15 @@ from capsbayes.diagnosis.scores import (
     REGIONS,
     AsVisible,
     Discrepancy,
-    Displaced,
     Measured,
     Outcome,
-    Profile,
     Scores,
-    displaced_regions,
+    Trial,
     log_of_measured,
+    region_displacements,
     whitening,
 )
-from capsbayes.diagnosis.session import OfOutline, Session, Whitening
+from capsbayes.diagnosis.session import Session, Whitening
 from capsbayes.model import Effect, FixedParameters, ForwardModel, Unseen
 
 # Joint estimate of two effects. The log likelihood of both sizes is climbed by parabolas through six points, from the
@@ -192,12 +191,10 @@ def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> flo
     there = fitted(extended, session, white, {name: scores.size + step}, here.theta, everywhere=False)
     moved, weight = 0.0, (2.0 / (high - low)) ** 2 if high > low else 0.0
     seen_change = 0.0
-    for row in np.flatnonzero(here.settled & there.settled):
-        seen = white.each[row]
-        if isinstance(seen, OfOutline):
-            change = (there.residuals[row] - here.residuals[row]) / step
-            moved += float(np.linalg.norm(seen.errors_of_model() @ change))
-            seen_change += float(change @ change)
+    for row, seen in white.outlines(here.settled & there.settled):
+        change = (there.residuals[row] - here.residuals[row]) / step
+        moved += float(np.linalg.norm(seen.errors_of_model() @ change))
+        seen_change += float(change @ change)
     weight = max(weight, seen_change)  # the former counts the scatter of G_s too
     return moved / weight if weight > 0.0 else 0.0
 
@@ -223,7 +220,7 @@ def limit_scores(
     """Score effects at sizes from the null value on, as far as the capsules of a session allow; omit those not seen."""
     # Whitening and fits are the model's; what was `measured` elsewhere counts.
     return {
-        name: _profiled(Profile(model, effect, session, white, without, measured.get(name)))
+        name: _profiled(Trial(model, effect, session, white, without, measured.get(name)))
         for name, effect in candidates.items()
         if not isinstance(effect, Unseen)
     }
@@ -254,20 +251,20 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     return table.loc[change.sort_values(ascending=False).index]
 
 
-def _profiled(profile: Profile) -> Scores:
+def _profiled(trial: Trial) -> Scores:
     """Add sizes from the null value on, as far as the capsules allow them, then sizes about the best."""
-    null = profile.effect.null_value
-    for end in (float(profile.effect.prior.ppf(share)) for share in REACH):
+    null = trial.effect.null_value
+    for end in (float(trial.effect.prior.ppf(share)) for share in REACH):
         share = 1.0 / _FIRST
         while share <= 1.0 and end != null:
             size = null + share * (end - null)
-            profile.add(size)
-            found = profile.scores
-            if found.total[found.sizes == size] < found.total.max() - _ENOUGH * TWO_SIGMA:
+            trial.add(size)
+            scores = trial.scores
+            if scores.total[scores.sizes == size] < scores.total.max() - _ENOUGH * TWO_SIGMA:
                 break
             share *= _FURTHER
-    profile.refine()
-    return profile.scores
+    trial.refine()
+    return trial.scores
 
 
 # Shear modulus of a session, with what is not known of the effect, of its size, and of the viscosity
@@ -416,8 +413,7 @@ def find(
     done = np.flatnonzero(fits.settled)
     rest = {name: values[done] for name, values in session.circumstances.items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
-    displaced = displaced_regions(white, fits)
-    table = [*_of_regions(session, fits, displaced), *_of_trends(session, fits, done, own)]
+    table = [*_of_regions(session, white, fits), *_of_trends(session, fits, done, own)]
     table = [test for test in table if len(test.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
@@ -511,12 +507,15 @@ def _by_signs(table: list[_Test], rng: np.random.Generator) -> Floats:
     return np.array([(1 + np.sum(largest >= statistic)) / (_FLIPS + 1) for statistic in least])
 
 
-def _of_regions(session: Session, fits: Fits, displaced: list[Displaced]) -> list[_Test]:
-    """Return the tests for a common displacement of each region."""
+def _of_regions(session: Session, white: Whitening, fits: Fits) -> list[_Test]:
+    """Return the tests for a common displacement of each region, once ln Ca and a/l have absorbed what they can."""
     rows: list[tuple[Floats, Floats, Floats]] = []
-    for i, seen, pattern in displaced:
+    for row, seen in white.outlines(fits.settled):
+        whole = seen.likelihood.whitened_displacement(region_displacements(seen.likelihood.pilot))
+        basis = np.linalg.qr(fits.slopes[row])[0]
+        pattern = whole - (whole @ basis) @ basis.T
         own = np.linalg.norm(pattern @ seen.common_errors().T, axis=1)
-        rows.append((pattern @ fits.residuals[i], np.sum(pattern**2, axis=1), own))
+        rows.append((pattern @ fits.residuals[row], np.sum(pattern**2, axis=1), own))
     if not rows:
         return []
     contributions, weights, own = (np.array(column).T for column in zip(*rows, strict=True))

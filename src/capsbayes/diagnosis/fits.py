@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -44,6 +45,28 @@ def smooth_features(places: Floats, lengths: Floats) -> Floats:
 
 def _kernel(first: Floats, second: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, axis=-1)))
+
+
+class Process(NamedTuple):
+    """Normal amplitudes once data were seen."""
+
+    log_evidence: float  # relative to no amplitudes
+    change: float  # mean of the change of ln G_s
+    variance: float  # of that change
+
+    @classmethod
+    def of(cls, information: Floats, shift: Floats, response: Floats, variances: Floats) -> Process:
+        """Infer amplitudes (q,) of given variances from what was seen, and what they change by their response (q,)."""
+        # The information (q, q) is that of the data alone; the shift (q,) is it times the likeliest amplitudes.
+        used = variances > 0.0
+        root = np.sqrt(variances[used])
+        if not used.any():
+            return cls(0.0, 0.0, 0.0)
+        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root)
+        both = np.stack([root * shift[used], root * response[used]], axis=1)
+        seen, moved = scipy.linalg.solve_triangular(factor, both, lower=True).T
+        log_evidence = float(0.5 * seen @ seen - np.sum(np.log(np.diag(factor))))
+        return cls(log_evidence, float(seen @ moved), float(moved @ moved))
 
 
 # Best shape of a model for each capsule: its own Ca and a/l, found for all capsules together, so that many models can
@@ -135,10 +158,8 @@ def _to_try_again(places: Places, freedom: Integers) -> Integers:
 
 
 def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integers) -> Fits:
-    white = evaluate.white
     log_ca, size = places.points.T
     speed = session.circumstances["capsule_velocity"] / places.ratio
-    log_modulus = np.log(session.circumstances["viscosity"] * speed) - log_ca
     known = places.inside & places.differentiable
     along = np.zeros((len(known), 2, 2))
     along[:, 0] = -places.ratio_slopes / places.ratio[:, None] - [1.0, 0.0]
@@ -150,17 +171,20 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
     log_volume = np.full(len(known), np.nan)
     log_volume[known] = np.linalg.slogdet(covariance[known])[1]
     covariance[:, 0, 0] += np.square(session.velocity_errors)
-    of_places = evaluate.rest, places.points, places.ratio, places.ratio_slopes, spread
-    flow = flow_offsets(evaluate.model, session, *of_places)
-    of_data = [slice(2, 2 + seen.count) for seen in white.each]
-    residuals, slopes = (
-        tuple(values[part] for values, part in zip(of_all, of_data, strict=True))
-        for of_all in (places.residuals, places.slopes)
-    )
-    settled = known & (places.left < _NEAR)
+    of_data = [slice(2, 2 + seen.count) for seen in evaluate.white.each]
     return Fits(
-        *(places.points, residuals, slopes, log_modulus, size, along[:, 0]),
-        *(covariance, log_volume, known, settled, freedom, flow),
+        theta=places.points,
+        residuals=tuple(values[part] for values, part in zip(places.residuals, of_data, strict=True)),
+        slopes=tuple(values[part] for values, part in zip(places.slopes, of_data, strict=True)),
+        log_modulus=np.log(session.circumstances["viscosity"] * speed) - log_ca,
+        size=size,
+        modulus_slopes=along[:, 0],
+        covariance=covariance,
+        log_volume=log_volume,
+        known=known,
+        settled=known & (places.left < _NEAR),
+        freedom=freedom,
+        flow=flow_offsets(session, evaluate, places, spread),
     )
 
 
@@ -201,15 +225,19 @@ class Trend:
         """Log evidence of a trend relative to none; zero for a few capsules."""
         if len(self.log_modulus) < _FEWEST:
             return 0.0
-        values, variance = self._without_shared_errors()
-        features = np.hstack([_LEVEL * np.ones((len(values), 1)), smooth_features(self.places, _LENGTHS)])
+        values, errors = self._without_shared_errors()
+        features = np.hstack([np.ones((len(values), 1)), smooth_features(self.places, _LENGTHS)])
+
+        def log_density(amplitude: float, spread: float) -> float:
+            variance = errors + spread**2
+            weighted = features / variance[:, None]
+            amplitudes = np.concatenate([[_LEVEL**2], np.full(features.shape[1] - 1, amplitude**2)])
+            process = Process.of(features.T @ weighted, values @ weighted, np.zeros_like(amplitudes), amplitudes)
+            return process.log_evidence - 0.5 * float(np.sum(values**2 / variance + np.log(variance)))
 
         def average(amplitudes: tuple[float, ...]) -> float:
-            found = [
-                _log_density(values, variance + spread**2, features * _scale(features, amplitude))
-                for amplitude, spread in product(amplitudes, _SPREADS)
-            ]
-            return float(logsumexp(found) - np.log(len(found)))
+            logs = [log_density(*sizes) for sizes in product(amplitudes, _SPREADS)]
+            return float(logsumexp(logs) - np.log(len(logs)))
 
         return average(_AMPLITUDES) - average((0.0,))
 
@@ -221,18 +249,3 @@ class Trend:
         values = self.log_modulus - np.sum(slopes * away, axis=1)
         variance = self.variance - np.sum(slopes * self.shared, axis=1)
         return values - np.median(values), np.maximum(variance, 0.1 * self.variance)
-
-
-def _scale(features: Floats, amplitude: float) -> Floats:
-    """Return the factors of the features: one of the level, the amplitude of the others."""
-    return np.concatenate([[1.0], np.full(features.shape[1] - 1, amplitude)])
-
-
-def _log_density(values: Floats, variance: Floats, features: Floats) -> float:
-    """Return the log density of normal values (n,) of independent variances and a process of given features (n, r)."""
-    root = 1.0 / np.sqrt(variance)
-    seen = features * root[:, None]
-    factor = np.linalg.cholesky(np.eye(features.shape[1]) + seen.T @ seen)
-    explained = np.linalg.solve(factor, seen.T @ (values * root))
-    square = np.sum((values * root) ** 2) - explained @ explained
-    return float(-0.5 * square - np.sum(np.log(np.diag(factor))) + np.sum(np.log(root)))

@@ -8,7 +8,6 @@ from itertools import product
 from typing import NamedTuple, Self
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
@@ -16,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.diagnosis.fits import Fits, Trend, fitted, smooth_features
+from capsbayes.diagnosis.fits import Fits, Process, Trend, fitted, smooth_features
 from capsbayes.diagnosis.session import OfOutline, Session, Whitening, initial_guesses, whitened_at
 from capsbayes.model import Effect, ForwardModel, Unseen
 from capsbayes.profile import edge_lengths, vertex_normals
@@ -82,24 +81,21 @@ class Discrepancy:
     @classmethod
     def of(cls, session: Session, white: Whitening, fits: Fits) -> Discrepancy:
         """Collect it from the fits of a session."""
-        rows, information, shift, response, own = [], [], [], [], []
-        for row in np.flatnonzero(fits.settled):
-            whitener = white.each[row]
-            if isinstance(whitener, OfOutline):
-                seen = whitener.likelihood
-                whole = seen.whitened_displacement(displacement_modes(seen.pilot))
-                basis, triangle = np.linalg.qr(fits.slopes[row])
-                along = whole @ basis
-                left = whole - along @ basis.T
-                rows.append(row)
-                information.append(left @ left.T)
-                shift.append(left @ fits.residuals[row])
-                response.append(along @ np.linalg.solve(triangle.T, fits.modulus_slopes[row]))
-                own.append(_own_error(whitener))
+        rows, columns = [], []
+        for row, whitener in white.outlines(fits.settled):
+            seen = whitener.likelihood
+            whole = seen.whitened_displacement(displacement_modes(seen.pilot))
+            basis, triangle = np.linalg.qr(fits.slopes[row])
+            along = whole @ basis
+            left = whole - along @ basis.T
+            response = along @ np.linalg.solve(triangle.T, fits.modulus_slopes[row])
+            rows.append(row)
+            columns.append((left @ left.T, left @ fits.residuals[row], response, _own_error(whitener)))
         trend = Trend.of(session, fits)
         if not rows:
             return cls(trend=trend)
-        return cls(fits.theta[rows], np.array(information), np.array(shift), np.array(response), np.array(own), trend)
+        information, shift, response, own = (np.array(column) for column in zip(*columns, strict=True))
+        return cls(fits.theta[rows], information, shift, response, own, trend)
 
     def __add__(self, other: Discrepancy) -> Discrepancy:
         """Return that of the capsules of both."""
@@ -166,7 +162,7 @@ class Discrepancy:
         mean, variance = (np.array([getattr(each, name) for each in processes]) for name in ("change", "variance"))
         return np.asarray(displaced * (mean[chosen] + np.sqrt(variance[chosen]) * rng.standard_normal(count)))
 
-    def _processes(self, *, something_else: bool) -> Iterator[_Process]:
+    def _processes(self, *, something_else: bool) -> Iterator[Process]:
         """Yield the model's own error with something else, or without it."""
         own = float(np.mean(self.own**2))
         kinds = [kind for kind in product(_AMPLITUDES, _CAMERA) if any(kind) == something_else]
@@ -175,7 +171,7 @@ class Discrepancy:
             response = (features.T @ self.response).ravel() / len(features)
             for length, (amplitude, camera) in product(_ARC, kinds):
                 each = np.concatenate([(amplitude**2 + own) * _spectrum(length), np.full(_CAMERA_MODES, camera**2)])
-                yield _Process.of(information, shift, response, np.tile(each, features.shape[1]))
+                yield Process.of(information, shift, response, np.tile(each, features.shape[1]))
 
     def _dependences(self) -> tuple[Floats, Floats]:
         """Return features (n, r) of processes over the capsules: the same in all, and depending on ln Ca and a/l."""
@@ -195,27 +191,6 @@ def _own_error(seen: OfOutline) -> float:
     modes = seen.likelihood.modes
     of_model = 0.0 if modes is None else np.sqrt(np.mean(np.sum(modes**2, axis=0)))
     return float(np.hypot(of_model, seen.measured.pose.offset))
-
-
-class _Process(NamedTuple):
-    """Normal amplitudes once the outlines were seen."""
-
-    log_evidence: float  # relative to no amplitudes
-    change: float  # mean of the change of ln G_s
-    variance: float  # of that change
-
-    @classmethod
-    def of(cls, information: Floats, shift: Floats, response: Floats, variances: Floats) -> _Process:
-        """Infer amplitudes of given variances from what the outlines say, and what they change by their response."""
-        used = variances > 0.0
-        root = np.sqrt(variances[used])
-        if not used.any():
-            return cls(0.0, 0.0, 0.0)
-        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root)
-        both = np.stack([root * shift[used], root * response[used]], axis=1)
-        seen, moved = scipy.linalg.solve_triangular(factor, both, lower=True).T
-        log_evidence = float(0.5 * seen @ seen - np.sum(np.log(np.diag(factor))))
-        return cls(log_evidence, float(seen @ moved), float(moved @ moved))
 
 
 # Displacements of regions of the outline that all capsules of a session have in common
@@ -251,27 +226,6 @@ def _farthest_back(outline: Floats, side: Booleans) -> int:
 def _on_axis(outline: Floats, arc: Floats) -> float:
     rear = np.flatnonzero(outline[:, 0] < outline[:, 0].mean())
     return float(arc[rear[np.argmin(np.abs(outline[rear, 1]))]])
-
-
-class Displaced(NamedTuple):
-    """Whitened residuals due to displacements of the regions by l, once log Ca and a/l have absorbed what they can."""
-
-    row: int  # of the capsule
-    seen: OfOutline  # its outline
-    pattern: Floats  # (5, m)
-
-
-def displaced_regions(white: Whitening, fits: Fits) -> list[Displaced]:
-    """Return the residuals due to displaced regions, for capsules that have an outline and a best shape."""
-    found = []
-    for row in np.flatnonzero(fits.settled):
-        whitener = white.each[row]
-        if isinstance(whitener, OfOutline):
-            likelihood = whitener.likelihood
-            whole = likelihood.whitened_displacement(region_displacements(likelihood.pilot))
-            basis = np.linalg.qr(fits.slopes[row])[0]
-            found.append(Displaced(int(row), whitener, whole - (whole @ basis) @ basis.T))
-    return found
 
 
 # Likelihood of a session under a model with an effect of a given size. The misfit of its best shape says how well the
@@ -471,7 +425,7 @@ class Outcome(NamedTuple):
         return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
 
 
-class Profile:
+class Trial:
     """Profile likelihood of an effect on a session, at the null value and at sizes that are added."""
 
     # `model` is without the effect and made the whitening; `without` are its fits, what every effect is measured
@@ -491,10 +445,6 @@ class Profile:
         self.model, self.effect, self.session, self.white, self.without = model, effect, session, white, without
         self.measured = measured
         self._outcomes = {effect.null_value: Outcome.of(without), **(known or {})}
-        self._begin()
-
-    def _begin(self) -> None:
-        """Try the sizes with which it begins; here none but the null value."""
 
     @property
     def unseen(self) -> bool:
@@ -507,6 +457,14 @@ class Profile:
         sizes = sorted(self._outcomes)
         elsewhere = [log_of_measured(size, self.measured) for size in sizes]
         return Scores.of(self.effect, sizes, [self._outcomes[size] for size in sizes], elsewhere)
+
+    def explored(self) -> Trial:
+        """Try sizes over the whole prior of the effect, and some around the best."""
+        first = _first_sizes(self.effect, self.measured)
+        for size in sorted(first, key=lambda guess: abs(guess - self.effect.null_value)):
+            self.add(size, everywhere=True)
+        self.refine(1)
+        return self
 
     def refine(self, times: int = _REFINED) -> None:
         """Add sizes around the best."""
@@ -527,20 +485,12 @@ class Profile:
             outcome = outcome._replace(log_likelihood=self._outcomes[self.effect.null_value].log_likelihood)
         self._outcomes[size] = outcome
 
-
-class Trial(Profile):
-    """Profile likelihood over the whole prior of the effect, refined at more and more sizes."""
-
-    def _begin(self) -> None:
-        first = _first_sizes(self.effect, self.measured)
-        for size in sorted(first, key=lambda guess: abs(guess - self.effect.null_value)):
-            self.add(size, everywhere=True)
-        self.refine(1)
-
     def with_measured(self, measured: tuple[float, float] | None) -> Trial:
         """Return the trial with an independent measurement of the effect."""
+        if measured == self.measured:
+            return self
         made = (self.model, self.effect, self.session, self.white, self.without)
-        return self if measured == self.measured else Trial(*made, measured, self._outcomes)
+        return Trial(*made, measured, self._outcomes).explored()
 
 
 def log_of_measured(size: float, measured: tuple[float, float] | None) -> float:
@@ -598,16 +548,15 @@ def population(values: Floats, variances: Floats) -> Population:
 def log_likelihood(fits: Fits) -> Floats:
     """Return the log likelihood of each capsule : (n,) array; one without a shape of the model is very unlikely."""
     done, values, variances = fits.known, fits.log_modulus, fits.covariance[:, 0, 0]
-    found = np.full(len(done), _NOTHING)
+    logs = np.full(len(done), _NOTHING)
     if done.sum() > 1:
         people = population(values[done], variances[done])
-        total = variances[done] + people.spread**2
-        apart = (values[done] - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
-        found[done] = -0.5 * fits.misfit[done] + 0.5 * fits.log_volume[done] - 0.5 * apart
-        everywhere = fits.covariance[:, 0, 0] + people.spread**2
-        found[done] += fits.flow.log_likelihood(fits.log_modulus, everywhere, people.mean)[done]
-        found[~done] = found[done].min() - _LOST
-    return found
+        total = variances + people.spread**2
+        apart = (values - people.mean) ** 2 / total + np.log(2.0 * np.pi * total)
+        by_picture = -0.5 * fits.misfit + 0.5 * fits.log_volume - 0.5 * apart
+        logs[done] = (by_picture + fits.flow.log_likelihood(values, total, people.mean))[done]
+        logs[~done] = logs[done].min() - _LOST
+    return logs
 
 
 # Errors of a session's measurements as they are stated, and the noise of its outlines beyond that

@@ -236,7 +236,7 @@ class Search:
             known = self.earlier.get(name) if here is self.model else None
             if known is None:
                 made = (here, self.candidates[name], self.session, self.white, fits)
-                trials[name] = Trial(*made, self.measured.get(name))
+                trials[name] = Trial(*made, self.measured.get(name)).explored()
             else:
                 trials[name] = known.with_measured(self.measured.get(name))
         return trials

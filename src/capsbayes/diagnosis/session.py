@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -249,6 +249,13 @@ class Whitening:
     outline: bool  # whether any of them reads outlines
     further: float = 0.0  # standard deviation [l] that was added to the noise of each outline
 
+    def outlines(self, wanted: Booleans) -> Iterator[tuple[int, OfOutline]]:
+        """Yield row and whitener of the capsules that have an outline, of those that are wanted (n,)."""
+        for row in np.flatnonzero(wanted):
+            whitener = self.each[row]
+            if isinstance(whitener, OfOutline):
+                yield int(row), whitener
+
 
 def whitened_at(
     model: ForwardModel, session: Session, pilots: Floats, *, among: int, further: float = 0.0
@@ -297,48 +304,17 @@ class FlowOffsets:
     def log_likelihood(self, log_modulus: Floats, total: Floats, mean: float) -> Floats:
         """Return the log likelihood of each offset given ln G_s, with the likeliest common error : (n,) array."""
         # ln G_s (n,) has the variances `total` (n,) about its mean among the capsules. Zero where there is no offset.
-        found, known = np.zeros(len(self.offset)), self.known
+        logs, known = np.zeros(len(self.offset)), self.known
         if not known.any():
-            return found
+            return logs
         slope = self.with_modulus[known] / total[known]
         away = self.offset[known] - slope * (log_modulus[known] - mean)
         variance = self.variance[known] - slope * self.with_modulus[known]
         shared = self.shared[known]
         common = np.sum(away * shared / variance) / (1.0 + np.sum(shared**2 / variance))
         rest = np.square(away - common * shared) / variance + np.log(2.0 * np.pi * variance)
-        found[known] = -0.5 * (rest + common**2 / known.sum())
-        return found
-
-
-def flow_offsets(
-    model: ForwardModel,
-    session: Session,
-    rest: Mapping[str, Floats],
-    points: Floats,
-    ratio: Floats,
-    ratio_slopes: Floats,
-    covariance: Floats,
-) -> FlowOffsets:
-    """Compare the velocities of a session with its flow rates, at the best shapes, points (n, 2) of ln Ca and a/l."""
-    # `rest` holds circumstances and sizes of effects; `ratio` (n,) is v_o/U; the covariance (n, 2, 2) of the points is
-    # NaN where the model has no shape.
-    nothing = np.full(len(ratio), np.nan)
-    if not np.isfinite(session.flow_rates).any():
-        return FlowOffsets(nothing, nothing, nothing, nothing)
-    theta = {**rest, "capillary_number": np.exp(points[:, 0]), "size_ratio": points[:, 1]}
-    area = AREAS[session.experiment.cross_section] * session.circumstances["half_width"] ** 2
-    speed = session.flow_rates / (area * model.relative_area(theta))
-    slopes = ratio_slopes / ratio[:, None]
-    spread = np.einsum("nij,nj->ni", covariance, slopes)
-    velocity = np.square(session.velocity_errors)
-    variance = velocity + np.sum(slopes * spread, axis=1)
-    own = np.sqrt(model(theta).covariance[:, 2, 2]) / ratio
-    return FlowOffsets(
-        np.where(np.isfinite(variance), np.log(session.circumstances["capsule_velocity"] / (speed * ratio)), np.nan),
-        variance,
-        variance + spread[:, 0],
-        np.sqrt(session.flow_rate_errors**2 + own**2 + LEAST_SHARED**2),
-    )
+        logs[known] = -0.5 * (rest + common**2 / known.sum())
+        return logs
 
 
 # Best shapes of many capsules at once, from shapes of nearly their lengths: residuals and slopes of a model
@@ -401,6 +377,28 @@ class Evaluation:
             seen[k, :, 2 : 2 + white.count] = white(prediction, slice(len(shifts) * k, len(shifts) * (k + 1)))
         slopes = np.swapaxes(seen[:, 1:] - seen[:, :1], 1, 2) / difference
         return Places(theta, seen[:, 0], slopes, ratio[:, 0], (ratio[:, 1:] - ratio[:, :1]) / difference)
+
+
+def flow_offsets(session: Session, evaluate: Evaluation, places: Places, covariance: Floats) -> FlowOffsets:
+    """Compare the velocities of a session with its flow rates, at the best shapes."""
+    # The covariance (n, 2, 2) of ln Ca and a/l is NaN where the model has no shape.
+    model, ratio = evaluate.model, places.ratio
+    nothing = np.full(len(ratio), np.nan)
+    if not np.isfinite(session.flow_rates).any():
+        return FlowOffsets(nothing, nothing, nothing, nothing)
+    theta = {**evaluate.rest, "capillary_number": np.exp(places.points[:, 0]), "size_ratio": places.points[:, 1]}
+    area = AREAS[session.experiment.cross_section] * session.circumstances["half_width"] ** 2
+    speed = session.flow_rates / (area * model.relative_area(theta))
+    slopes = places.ratio_slopes / ratio[:, None]
+    spread = np.einsum("nij,nj->ni", covariance, slopes)
+    variance = np.square(session.velocity_errors) + np.sum(slopes * spread, axis=1)
+    own = np.sqrt(model(theta).covariance[:, 2, 2]) / ratio
+    return FlowOffsets(
+        np.where(np.isfinite(variance), np.log(session.circumstances["capsule_velocity"] / (speed * ratio)), np.nan),
+        variance,
+        variance + spread[:, 0],
+        np.sqrt(session.flow_rate_errors**2 + own**2 + LEAST_SHARED**2),
+    )
 
 
 def initial_guesses(

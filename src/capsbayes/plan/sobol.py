@@ -209,8 +209,8 @@ def _ranges(measurement: Measurement, inputs: Inputs, stated: Mapping[str, Given
     for name in stated:
         if name not in known:
             raise InputError("ranges", name, f"one of {', '.join(known)}", "an unknown input")
-    own = {name: Quantity(given.value, given.error) for name, given in known.items() if not given.known}
-    ranges = own | {name: varied_range(given, name) for name, given in stated.items()}
+    uncertain = {name: given for name, given in known.items() if not given.known}
+    ranges = uncertain | {name: varied_range(given, name) for name, given in stated.items()}
     varied = {name: ranges[name] for name in known if name in ranges}
     if len(varied) < 2:
         raise InputError("ranges", "", "at least two inputs that vary", ", ".join(varied) or "none")
