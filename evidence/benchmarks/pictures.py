@@ -44,11 +44,11 @@ class Tally:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=300, help="number of pictures (default: 300)")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     cases, random = Database.open("square-neo-hookean").converged, np.random.default_rng(SEED)
     tallies = {name: Tally() for name in SETS}
     with threadpool_limits(limits=1):
-        for number in track(range(asked.count), description="pictures", transient=True):
+        for number in track(range(given.count), description="pictures", transient=True):
             name = list(SETS)[number % len(SETS)]
             count(drawn(cases, SETS[name], random), tallies[name])
     print(table(HEAD, rows(tallies)))
