@@ -23,6 +23,7 @@ from capsbayes.physics.steady import Iterate, steady_state
 from capsbayes.physics.surface import prolonged
 from evidence.benchmarks.stored import ROOT, Stored, with_write
 from evidence.markdown import table
+from evidence.verification.quantities import fitted_rate
 
 ENERGIES = ("displacement", "curvature")
 SHELL = [(height, n) for height in (0.8, 0.5) for n in (6, 8, 12)]
@@ -103,11 +104,6 @@ def tasks() -> Iterator[tuple[str, Callable[[], Row]]]:
         yield "shell {:g} {:d}".format(*setting), partial(shell, *setting)
 
 
-def rate(refinements: list[int], errors: list[float]) -> float:
-    """Return the exponent p of errors that fall as n^-p."""
-    return float(-np.polyfit(np.log(refinements), np.log(errors), 1)[0])
-
-
 def limit(known: dict[str, Row], quantity: int) -> tuple[float, float]:
     """Return L_0 and p of L = L_0 - c B^p, fitted to L_z (0) or L_a (1) on the finest mesh."""
     values = [known[f"tube {MESHES[-1]} {bending:g}"][quantity] for bending in BENDINGS]
@@ -125,7 +121,7 @@ def tables(known: dict[str, Row]) -> dict[str, str]:
     shell_rows = [[f"{height:g}", str(n), *map("{:.2e}".format, known[f"shell {height:g} {n}"])] for height, n in SHELL]
     meshes, heights = sorted({n for _, n in SHELL}), sorted({height for height, _ in SHELL})
     for height in heights:
-        p = rate(meshes, [known[f"shell {height:g} {n}"][1] for n in meshes])
+        p = fitted_rate(meshes, [known[f"shell {height:g} {n}"][1] for n in meshes])
         shell_rows.append([f"{height:g}", "rate", "", f"{p:.1f}"])
     channel_rows = [
         [*map("{:g}".format, case), energy, *map("{:.4f}".format, values)]

@@ -118,7 +118,7 @@ def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]
     columns = int(HALF_WIDTH * np.ptp(silhouette[:, 0]) + 2.0 * MARGIN + random.integers(8, 40))
     columns = max(columns, 200)
     centre = 0.5 * columns + random.uniform(-4.0, 4.0), 99.5 + random.uniform(-4.0, 4.0)
-    drawn = some_looks(random)
+    drawn = drawn_looks(random)
     view = View(
         (Capsule(cases["profile"][case], silhouette, centre),),
         HALF_WIDTH,
@@ -127,10 +127,10 @@ def scenery(cases: Database, random: np.random.Generator) -> tuple[View, Camera]
         flow=int(random.choice([-1, 1])),
         looks=drawn,
     )
-    return view, some_camera(random)
+    return view, drawn_camera(random)
 
 
-def some_looks(random: np.random.Generator) -> Looks:
+def drawn_looks(random: np.random.Generator) -> Looks:
     """Return the looks of capsule and channel in one microscope, at random."""
     return Looks(
         interior=random.uniform(0.1, 0.3),
@@ -147,7 +147,7 @@ def some_looks(random: np.random.Generator) -> Looks:
     )
 
 
-def some_camera(random: np.random.Generator) -> Camera:
+def drawn_camera(random: np.random.Generator) -> Camera:
     """Return a good camera at random."""
     return Camera(blur=random.uniform(0.5, 1.0), photons=10.0 ** random.uniform(3.7, 4.5))
 

@@ -99,10 +99,13 @@ def simulator_at(recipe: Recipe, value: float) -> Any:
 
 
 def converged(name: str, folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield the converged cases of a database that the folder holds."""
-    for path in sorted((folder / name).glob("*.nc")):
+    """Yield the converged cases of a database that the folder holds, without those that building adds at borders."""
+    files = sorted((folder / name).glob("*.nc"))
+    chosen = {(size, ca) for _, size, ca in (cases(name, folder) if files else ())}
+    for path in files:
         built = Database.read(path).converged
-        for row in range(len(built)):
+        places = zip(built["size_ratio"].tolist(), built["capillary_number"].tolist(), strict=True)
+        for row in [row for row, place in enumerate(places) if place in chosen]:
             profile = built["profile"][row]
             case = {"database": name, "effect_value": float(path.stem)} | {key: built[key][row] for key in QUANTITIES}
             yield case | {"half_profile": profile[: len(profile) // 2 + 1].astype(np.float32)}

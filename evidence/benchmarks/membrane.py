@@ -7,9 +7,7 @@ finished one is kept in FOLDER, and those that were reached are stored in ``data
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -17,12 +15,12 @@ from threadpoolctl import threadpool_limits
 
 from capsbayes.arrays import Floats
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
-from capsbayes.physics.scattered import NUMBERS, membrane_continuation, nearest_state
+from capsbayes.physics.scattered import NUMBERS, membrane_continuation
 from capsbayes.profile import vertex_normals
 from capsbayes.run import Store
 from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import membrane_pools
-from evidence.benchmarks.stored import RESULTS, ROOT, complete, with_write
+from evidence.benchmarks.stored import RESULTS, ROOT, with_write
 from evidence.markdown import renew, table
 from evidence.rebuild import membrane_places
 
@@ -94,22 +92,14 @@ def errors() -> str:
     return table(HEAD, lines)
 
 
-def simulated(place: Floats) -> dict[str, Any]:
-    """Simulate the shape at a place, from the nearest state."""
-    fine = membrane_continuation("square", FINE)
-    state = fine.reached(nearest_state(MembraneDatabase.open("square"), fine, place), place)
-    seen = {} if state is None else fine.seen(state)
-    return {"values": fine.values(place[None])[0], "reached": state is not None, **seen}
-
-
 def simulate(folder: Path) -> None:
     """Simulate the shapes that the folder lacks, and store those that were reached."""
     fine = membrane_continuation("square", FINE)
     store, random = Store.open(folder, fine.settings), qmc.Sobol(len(FREE_PARAMETERS), rng=11).random_base2(6)[:COUNT]
-    places = enumerate(membrane_places(fine, random))
+    values = fine.values(membrane_places(fine, random))
     try:
         with threadpool_limits(limits=1):
-            complete(store, ((f"shape-{number:03d}", partial(simulated, place)) for number, place in places))
+            membrane_pools.simulate_singles(store, fine, "shape", COUNT, lambda number: values[number])
     finally:
         parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
         columns = {

@@ -27,7 +27,7 @@ from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
 from evidence.benchmarks.camera import Camera, Capsule, Grey, Looks, View, photograph
-from evidence.benchmarks.conditions import HALF_WIDTH, MARGIN, some_camera, some_looks
+from evidence.benchmarks.conditions import HALF_WIDTH, MARGIN, drawn_camera, drawn_looks
 from evidence.benchmarks.hidden_sessions import PAGE, answer_of, diagnosed, outcomes
 from evidence.benchmarks.stored import POOL_FOLDER, Stored
 from evidence.exam.sessions import drawn_lab
@@ -110,7 +110,7 @@ def taken(row: Row, seed: int) -> tuple[BlindSession, list[tuple[Grey, Grey, Qua
     lab, count = drawn_lab(random)
     shapes = Database.read(POOL_FOLDER / f"{row.pool}.nc").converged
     blind = draw_session(shapes, TRUE_EFFECTS["none"], 0.0, lab=lab, capsules=count, seed=int(random.integers(2**31)))
-    looks, camera = some_looks(random), some_camera(random)
+    looks, camera = drawn_looks(random), drawn_camera(random)
     flow, tilt = int(random.choice([-1, 1])), random.uniform(-0.03, 0.03)
     pictures = []
     for capsule, seen in zip(blind.capsules, blind.session.measurements, strict=True):

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from capsbayes import Database, Experiment, MeasuredOutline, Measurement, Surrogate
+from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
@@ -42,7 +42,6 @@ WIDTHS = ("rear", "blur", "n", "ln Ca", "from lengths", "a/l", "from lengths")
 FLOW, EXPERIMENT = 4e-3, Experiment(cross_section="square", half_width=50e-6, viscosity=0.7)
 NAMES = ("capillary_number", "size_ratio")
 MODES = 7  # waves along the outline; the first is a shift of it, which is a nuisance
-Floats = NDArray[np.float64]
 
 
 @dataclass
