@@ -59,6 +59,14 @@ def test_a_run_is_doubled_while_it_is_not_enough(model, experiment, capsule):
     assert lengths[1] >= 2 * lengths[0]
 
 
+def test_thinning_keeps_every_walker(model, experiment, capsule):
+    chains = sampled(density_of(model, experiment, capsule), seed=1, effort=Effort(walkers=16, steps=200, budget=200))
+    thin = chains.thinned()
+    assert thin.coordinates.shape[1:] == chains.coordinates.shape[1:]
+    assert len(thin.coordinates) <= len(chains.coordinates) // 2
+    assert thin.log_density.shape == thin.coordinates.shape[:3]
+
+
 @pytest.mark.parametrize("name", ["capsule", "capsule_in_metres"])
 def test_inputs_sampled_or_integrated_differ_by_their_own_densities(model, experiment, name, request):
     """At fixed inputs the two densities over the shape differ by a constant."""
