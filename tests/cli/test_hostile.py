@@ -27,7 +27,7 @@ from results import posterior
 from sessions import drawn_session
 
 from capsbayes.cli import app, main
-from capsbayes.cli.paths import Reads, Writes, option_name
+from capsbayes.cli.command import Input, Reads, Writes, option_name
 from capsbayes.run import only_run
 from capsbayes.surrogate import Surrogate
 
@@ -279,7 +279,7 @@ def suffix_read(command, option):
 
 def inputs_of(suffix):
     """Return the options that read a kind of file."""
-    options = [(command, option) for command in COMMANDS for option in declared(command, Reads)]
+    options = [(command, option) for command in COMMANDS for option in declared(command, Input | Reads)]
     return [key for key in options if suffix_read(*key) == suffix]
 
 
@@ -403,4 +403,4 @@ def test_a_second_run(refused, command):
 
 def test_every_command_is_tried():
     assert set(USES) == set(COMMANDS)
-    assert all(declared(command, Reads | Writes) for command in COMMANDS)
+    assert all(declared(command, Input | Reads | Writes) for command in COMMANDS)

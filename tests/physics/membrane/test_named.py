@@ -6,8 +6,7 @@ import inspect
 
 import pytest
 
-from capsbayes.cli.build import build
-from capsbayes.cli.simulate import simulate
+from capsbayes.cli.simulating import build, simulate
 from capsbayes.errors import InputError
 from capsbayes.physics.membrane import LAWS, EvansSkalak, GeneralisedHooke, GeneralLaw, NeoHookean, Skalak, law_named
 
