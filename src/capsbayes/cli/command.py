@@ -102,8 +102,11 @@ class Options:
 
     def given(self) -> dict[str, Any]:
         """Return the values that are not the default, by the option as it is typed."""
-        values = {each: getattr(self, each.name) for each in self.parameters()}
-        return {option_name(each): value for each, value in values.items() if value != each.default}
+        return {
+            option_name(each): value
+            for each in self.parameters()
+            if (value := getattr(self, each.name)) != each.default
+        }
 
 
 _OVERWRITE = Option("Replace files that capsbayes did not write, or that were changed since.", "--overwrite")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 import capsbayes as cb
 from capsbayes.cli.command import Input, Option, Writes, command, results
@@ -25,9 +24,12 @@ from capsbayes.cli.options import (
     named_model,
     prior_of,
 )
-from capsbayes.cli.output import conclude, model_words, print_json
+from capsbayes.cli.output import conclude, model_words
 from capsbayes.errors import InputError
 from capsbayes.report.files import Writer, figure_file, json_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _ENOUGH = 10  # capsules, for a population to be inferred unasked
 _SHOWN = ("median", "lower_quartile", "upper_quartile", "error", "unit")
@@ -89,12 +91,9 @@ def batch(
         progress=not as_json,
     )
     hierarchy = _inferred(population, out, seed=seed)
-    if as_json:
-        print_json(batch_summary(population, hierarchy))
-    else:
-        _print_batch(population, hierarchy, out)
-    if not population.usable.all():
-        raise typer.Exit(1)
+    good = bool(population.usable.all())
+    parts = _batch_parts(population, hierarchy, out)
+    conclude(batch_summary(population, hierarchy), parts, as_json=as_json, good=good)
 
 
 def _check_stated(stated: PicturesOptions, capsules: Path) -> None:
@@ -145,20 +144,18 @@ def batch_summary(population: cb.Population, hierarchy: cb.Hierarchy | None) -> 
     }
 
 
-def _print_batch(population: cb.Population, hierarchy: cb.Hierarchy | None, out: Path) -> None:
+def _batch_parts(population: cb.Population, hierarchy: cb.Hierarchy | None, out: Path) -> Iterator[str | pd.DataFrame]:
     from capsbayes.infer.batch import Compared
     from capsbayes.report.population import hierarchy_parts, population_parts
-    from capsbayes.report.tables import print_parts
 
-    attributes = population.attributes
-    agreement = attributes.get("agreement")
-    print_parts(
-        *population_parts(population),
-        *(() if hierarchy is None else hierarchy_parts(hierarchy)),
-        f"Check: {Compared(**agreement)}." if isinstance(agreement, dict) else "",
-        model_words(attributes["model"], attributes["model_sha256"], attributes["seed"]),
-        f"Written: {out}, {out.with_suffix('.csv')}.",
-    )
+    made = population.attributes
+    yield from population_parts(population)
+    if hierarchy is not None:
+        yield from hierarchy_parts(hierarchy)
+    if isinstance(made.get("agreement"), dict):
+        yield f"Check: {Compared(**made['agreement'])}."
+    yield model_words(made["model"], made["model_sha256"], made["seed"])
+    yield f"Written: {out}, {out.with_suffix('.csv')}."
 
 
 @command
@@ -186,7 +183,6 @@ def population(
     Exit status: 0 if the intervals can be used, 1 if not, 2 on bad input.
     """
     from capsbayes.report.population import hierarchy_parts
-    from capsbayes.report.tables import print_parts
     from capsbayes.run import only_run
 
     if not capsules.exists():
@@ -205,12 +201,7 @@ def population(
         )
         if inferred.passed:
             inferred.added_to(read).write(capsules)
-    if as_json:
-        print_json(inferred.as_dict())
-    else:
-        print_parts(*hierarchy_parts(inferred))
-    if not inferred.passed:
-        raise typer.Exit(1)
+    conclude(inferred.as_dict(), hierarchy_parts(inferred), as_json=as_json, good=inferred.passed)
 
 
 def _share(text: str | None) -> float:

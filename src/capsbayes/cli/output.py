@@ -6,6 +6,7 @@ import contextlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -46,18 +47,20 @@ def model_words(name: str, sha256: str, seed: int | None = None) -> str:
 def conclude(
     result: Any,
     parts: Iterable[str | pd.DataFrame],
-    files: Mapping[str, Writer],
+    files: Mapping[str, Writer] = MappingProxyType({}),
     *,
-    out: Path | None,
+    out: Path | None = None,
     as_json: bool,
     status: Status | None = None,
     status_words: str | None = None,
+    good: bool = True,
 ) -> None:
-    """Write the files of a result, all or none, and print it; end with exit status 1 if its status is not good.
+    """Write the files of a result, all or none, and print it; end with exit status 1 if it or its status is not good.
 
     With ``--json`` the `result` is printed, without it the `parts`, and `status_words` where there is more to say than
     the sentence of the status.
     """
+    good = good and (status is None or status.ok)
     if out is not None:
         with together():
             for name, write in files.items():
@@ -68,6 +71,6 @@ def conclude(
         from capsbayes.report.tables import print_parts
 
         written = "" if out is None else f"Written to {out}: {', '.join(files)}."
-        print_parts(*parts, written, status=status_words or status, good=status is None or status.ok)
-    if status is not None and not status.ok:
+        print_parts(*parts, written, status=status_words or status, good=good)
+    if not good:
         raise typer.Exit(1)

@@ -93,15 +93,13 @@ class PlannedBatchOptions(UnknownMembraneOptions):
 
     def velocities(self) -> list[float]:
         """Return the stated mean velocities in m/s."""
-        key = "--mean-velocity"
-        speeds = [
-            cb.Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s")
-            for text in self.mean_velocity or []
-        ]
-        for speed in speeds:
+        key, velocities = "--mean-velocity", []
+        for text in self.mean_velocity or []:
+            speed = cb.Quantity.read(text, where=key, key="", units=("m/s",), example="2 mm/s")
             if not speed.known:
                 raise InputError(key, "", 'a number without an error, as "2 mm/s"', str(speed))
-        return [speed.value for speed in speeds]
+            velocities.append(speed.value)
+        return velocities
 
 
 def _refuse_of_law(command: str, given: Mapping[str, object]) -> None:
