@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from capsbayes import Hierarchy, Posterior, SharedMembrane, SteadyState
-from capsbayes.cli.batch import _summary
+from capsbayes.cli.many_capsules import batch_summary
 from capsbayes.diagnosis.diagnosis import summary
 from capsbayes.plan.budget import ErrorBudget
 from capsbayes.plan.flow import FlowDesign
@@ -20,7 +20,7 @@ from capsbayes.plan.sobol import SobolStudy
 Made = Callable[..., Any]
 RESULTS: Mapping[str, tuple[Made, ...]] = {
     "`identify`, also in `summary.json`": (Posterior.as_dict, Posterior._of_coordinates),
-    "`batch`": (_summary,),
+    "`batch`": (batch_summary,),
     "`population`, and under `hierarchy` in that of `batch`": (Hierarchy.as_dict,),
     "`membrane`, also in `membrane.json`": (SharedMembrane.as_dict,),
     "`diagnose`, also in `study.json`": (summary,),

@@ -2,20 +2,15 @@
 
 import os
 import resource
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import cv2
-import manufactured
 import numpy as np
 import pytest
 from drawn import drawn
-from png_header import png_of_size
-from results import posterior
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin"
 MAIN = """
 import atexit
 from pathlib import Path
@@ -30,18 +25,7 @@ main()
 """
 
 
-@pytest.fixture
-def place(tmp_path):
-    for name in ("capsule.toml", "experiment.toml"):
-        shutil.copy(EXAMPLE / name, tmp_path)
-    (tmp_path / "nested.toml").write_text(f"a = {'[' * 5000}{']' * 5000}")
-    (tmp_path / "huge.png").write_bytes(png_of_size(16000, 16000))
-    manufactured.database(8, 6).write(tmp_path / "database.nc")
-    posterior().write(tmp_path / "posterior.nc")
-    return tmp_path
-
-
-def ended(place, words, largest_file):
+def ended(here, words, largest_file):
     """Run a command under limits: exit status, lines of standard error, processor time [s], memory [bytes]."""
 
     def limit():
@@ -49,18 +33,18 @@ def ended(place, words, largest_file):
         if largest_file is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
-    with (place / ".err").open("w+b") as err:
+    with (here / ".err").open("w+b") as err:
         run = subprocess.Popen(
             [sys.executable, "-c", MAIN, *words.split()],
-            cwd=place,
+            cwd=here,
             stdout=subprocess.DEVNULL,
             stderr=err,
             preexec_fn=limit,
         )
         _, status, used = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
-    lines = (place / ".err").read_text().splitlines()
-    return run.returncode, lines, used.ru_utime + used.ru_stime, 1024 * int((place / ".peak").read_text())
+    lines = (here / ".err").read_text().splitlines()
+    return run.returncode, lines, used.ru_utime + used.ru_stime, 1024 * int((here / ".peak").read_text())
 
 
 FILLING = (
@@ -77,18 +61,18 @@ REFUSED = (
 
 
 @pytest.mark.parametrize("words", FILLING)
-def test_a_full_disk_ends_in_one_line_and_leaves_nothing(place, words):
-    before = {path.name for path in place.iterdir()} | {".err", ".peak"}
-    status, lines, _, _ = ended(place, words, 2000)
+def test_a_full_disk_ends_in_one_line_and_leaves_nothing(here, words):
+    before = {path.name for path in here.iterdir()} | {".err", ".peak"}
+    status, lines, _, _ = ended(here, words, 2000)
     assert status == 2, lines
     assert len(lines) == 1, lines
     assert lines[0].startswith("capsbayes: ")
-    assert {path.name for path in place.iterdir()} == before
+    assert {path.name for path in here.iterdir()} == before
 
 
 @pytest.mark.parametrize("words", REFUSED)
-def test_a_refusal_takes_little_time_and_memory(place, words):
-    status, lines, seconds, memory = ended(place, words, None)
+def test_a_refusal_takes_little_time_and_memory(here, words):
+    status, lines, seconds, memory = ended(here, words, None)
     assert status == 2, lines
     assert len(lines) == 1, lines
     assert seconds < 5.0
@@ -96,16 +80,16 @@ def test_a_refusal_takes_little_time_and_memory(place, words):
 
 
 @pytest.mark.slow
-def test_the_largest_picture_is_measured_in_a_gigabyte(place):
+def test_the_largest_picture_is_measured_in_a_gigabyte(here):
     made = drawn(0.08, 1.05)
     seen, empty = (cv2.resize(grey, None, fx=2.0, fy=2.0) for grey in (made.picture, made.background))
     around = np.repeat(empty[:, :1], (2**23 // len(seen) - seen.shape[1]) // 2, axis=1)
-    cv2.imwrite(str(place / "large.png"), np.hstack([around, seen, around]))
+    cv2.imwrite(str(here / "large.png"), np.hstack([around, seen, around]))
     words = "measure large.png --experiment experiment.toml --velocity 6.2+/-0.06mm/s --out made"
-    status, lines, _, memory = ended(place, words, None)
+    status, lines, _, memory = ended(here, words, None)
     assert (status, lines) == (0, [])
     assert memory < 1e9
-    assert (place / "made" / "overlay.png").exists()
+    assert (here / "made" / "overlay.png").exists()
 
 
 def test_where_nothing_can_be_written_numba_keeps_its_functions_in_a_folder_of_the_process(tmp_path):

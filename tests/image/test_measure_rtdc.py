@@ -13,8 +13,7 @@ from command_line import run, written
 from drawn import circle
 from typer.testing import CliRunner
 
-from capsbayes.cli import app
-from capsbayes.cli.measure import film
+from capsbayes.cli import app, measuring
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.measure import write_detection
@@ -217,7 +216,7 @@ def test_an_interrupted_run_goes_on_with_the_next_part(path, tmp_path, monkeypat
             raise KeyboardInterrupt
         write_detection(folder, *rest)
 
-    monkeypatch.setattr(film, "_PART", 1)
+    monkeypatch.setattr(measuring, "_PART", 1)
     monkeypatch.setattr(sys.modules["capsbayes.image.measure"], "write_detection", interrupted)  # not the function
     EXPERIMENT.write(tmp_path / "experiment.toml")
     words = ["measure", str(path), "--experiment", str(tmp_path / "experiment.toml"), "--out", str(tmp_path / "made")]

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from capsbayes import Simulator
-from capsbayes.cli.build import build
-from capsbayes.cli.simulate import simulate
+from capsbayes.cli.simulating import build, simulate
 from capsbayes.errors import InputError
 from capsbayes.physics.membrane import (
     LAWS,

@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from capsbayes.cli.validate import validate
+from capsbayes.cli.simulating import validate
 from capsbayes.database import Database
 from capsbayes.surrogate.plane import LeaveOneOut, even_subset, validate_forward_map, validate_inverse
 

@@ -1,12 +1,10 @@
-"""Command line: the same words as the library, one file or folder a command, options declared once in `options`.
+"""Command line: the same words as the library, one file a group of commands, shared options declared in `options`.
 
-A command's module is light to import; it reaches its floor of the package
-only when the command runs, so that ``capsbayes --help`` stays fast.
+A command reaches its floor of the package only when it runs, so that ``capsbayes --help`` stays fast.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import shlex
 import sys
@@ -16,8 +14,12 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from capsbayes import __version__
-from capsbayes.cli.output import quietable
-from capsbayes.cli.paths import checked
+from capsbayes.cli import planning
+from capsbayes.cli.diagnosing import diagnose, hide
+from capsbayes.cli.many_capsules import batch, membrane, population
+from capsbayes.cli.measuring import measure
+from capsbayes.cli.one_capsule import bench, identify, report
+from capsbayes.cli.simulating import atlas, build, simulate, transient, validate
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.interruption import Interrupted, interruptible
 
@@ -25,16 +27,14 @@ UsageError: Any = typer.BadParameter.__bases__[0]  # of click, which newer versi
 
 _LONGEST = 1000  # characters of a message
 
-COMMANDS = {
-    "Measure and identify": ("app", "measure", "identify", "report"),
-    "Many capsules": ("batch", "population", "membrane"),
-    "What the model misses": ("diagnose",),
-    "Plan measurements": ("sensitivity",),
-    "Simulate and build": ("simulate", "transient", "build", "atlas"),
-    "Evidence": ("validate", "hide"),
+COMMANDS: dict[str, dict[str, Any]] = {
+    "Measure and identify": {"app": bench, "measure": measure, "identify": identify, "report": report},
+    "Many capsules": {"batch": batch, "population": population, "membrane": membrane},
+    "What the model misses": {"diagnose": diagnose},
+    "Plan measurements": {"sensitivity": planning.app},
+    "Simulate and build": {"simulate": simulate, "transient": transient, "build": build, "atlas": atlas},
+    "Evidence": {"validate": validate, "hide": hide},
 }
-
-_HOMES = {"app": "bench"}  # modules of commands, where the command's name is taken
 
 app = typer.Typer(
     name="capsbayes",
@@ -59,14 +59,12 @@ def _version(
     pass
 
 
-for _group, _names in COMMANDS.items():
-    for _name in _names:
-        _module = importlib.import_module(f"capsbayes.cli.{_HOMES.get(_name, _name)}")
-        if _name == "sensitivity":
-            app.add_typer(_module.app, name=_name, rich_help_panel=_group)
+for _group, _commands in COMMANDS.items():
+    for _name, _command in _commands.items():
+        if isinstance(_command, typer.Typer):
+            app.add_typer(_command, name=_name, rich_help_panel=_group)
         else:
-            command = getattr(_module, _HOMES.get(_name, _name))
-            app.command(_name, rich_help_panel=_group)(quietable(checked(command)))
+            app.command(_name, rich_help_panel=_group)(_command)
 
 
 def main() -> None:

@@ -11,18 +11,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from capsbayes.cli.paths import Reads
+import capsbayes as cb
+from capsbayes.cli.command import Reads
 from capsbayes.errors import BrokenPromiseError, InputError
 
 if TYPE_CHECKING:
     from capsbayes.model import Effect, ForwardModel
 
 EffectsFile = Annotated[
-    Path | None,
-    typer.Option(help="Python file with effects of your own, added to those that are known. Its code is run."),
-    Reads(),
+    Path | None, Reads("Python file with effects of your own, added to those that are known. Its code is run.")
 ]
 
 _MODULE = "capsbayes_effects_file"  # under which classes of the file can be pickled
@@ -46,32 +43,17 @@ class OwnEffects:
 
 
 def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardModel) -> OwnEffects:
-    """Run a file and return its effects, each of which keeps every promise when it is added to a model.
+    """Run a file and return its effects; none has a name of those known, each keeps its promises with the model.
 
     An effect is an object at the top of the file, or a class written in it that is made without arguments.
-
-    Parameters
-    ----------
-    path : Path or None
-    known : mapping of str to Effect
-        Effects with which those of the file share no name.
-    model : ForwardModel
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or run, or holds no effect, or one without a part or with a name that is taken.
-    BrokenPromiseError
-        If an effect breaks a promise, see `capsbayes.testing.check_effect`.
     """
     if path is None:
         return OwnEffects()
     from capsbayes.files.input_file import read_bytes
-    from capsbayes.testing import check_effect
 
     content = read_bytes(path)
     taken = _taken_names(known)
-    found: dict[str, Effect] = {}
+    effects: dict[str, Effect] = {}
     for label, effect in _effects_of(path, _run(path, content)):
         _check_complete(path, label, effect)
         for name in (effect.parameter.name, effect.name):
@@ -81,15 +63,15 @@ def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardMo
                     str(path), label, "a name that is not taken", f"{name!r}, that of {taken[name]}", advice
                 )
         taken |= {effect.parameter.name: label, effect.name: label}
-        found[effect.parameter.name] = effect
+        effects[effect.parameter.name] = effect
         try:
-            check_effect(effect, model)
+            cb.testing.check_effect(effect, model)
         except BrokenPromiseError as error:
             raise BrokenPromiseError(f"{path}: {error.subject}", error.promise, error.found) from None
-    if not found:
+    if not effects:
         expected = "an effect: a class with `parameter`, `prior` and `__call__`, or an object of one"
         raise InputError(str(path), "", expected, "none", _ADVICE)
-    return OwnEffects(found, path, hashlib.sha256(content).hexdigest())
+    return OwnEffects(effects, path, hashlib.sha256(content).hexdigest())
 
 
 def _taken_names(known: Mapping[str, Effect]) -> dict[str, str]:
@@ -99,10 +81,10 @@ def _taken_names(known: Mapping[str, Effect]) -> dict[str, str]:
     from capsbayes.parameters import COORDINATES
 
     inputs = ("capillary_number", "size_ratio", *CIRCUMSTANCES, *COORDINATES)
-    found = dict.fromkeys(inputs, "an input of the models") | dict.fromkeys((NOTHING, UNKNOWN), "a verdict")
+    taken = dict.fromkeys(inputs, "an input of the models") | dict.fromkeys((NOTHING, UNKNOWN), "a verdict")
     for name, effect in known.items():
-        found |= dict.fromkeys((name, effect.name), f"{effect.name} in the catalogue")
-    return found
+        taken |= dict.fromkeys((name, effect.name), f"{effect.name} in the catalogue")
+    return taken
 
 
 def _run(path: Path, content: bytes) -> ModuleType:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import functools
-import inspect
-import io
 import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -23,45 +20,16 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 
-Quiet = Annotated[
-    bool, typer.Option("--quiet", help="Print nothing but what went wrong; with --json, nothing but the JSON.")
-]
-
-
-class _NoTerminal(io.TextIOBase):
-    """A stream without progress bars, which are drawn on terminals alone."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """Write a text as it is."""
-        return int(self._stream.write(text))
-
-
-def quietable(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the option ``--quiet``, with which files and exit status are all that it leaves."""
-    signature = inspect.signature(command, eval_str=True)
-
-    @functools.wraps(command)
-    def run(**given: Any) -> None:
-        if not given.pop("quiet"):
-            command(**given)
-            return
-        with contextlib.ExitStack() as stack:
-            stack.enter_context(contextlib.redirect_stderr(_NoTerminal(sys.stderr)))
-            if not given.get("as_json"):
-                stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-            command(**given)
-
-    own = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
-    run.__signature__ = signature.replace(parameters=[*signature.parameters.values(), own])  # type: ignore[attr-defined]
-    return run
-
-
 def print_json(result: Any) -> None:
     """Print a result as JSON."""
     typer.echo(json.dumps(result, indent=2))
+
+
+def waiting(words: str) -> contextlib.AbstractContextManager[object]:
+    """Show what is done, on a terminal, as long as it takes."""
+    from rich.console import Console
+
+    return Console(stderr=True).status(words)
 
 
 def table_file(table: pd.DataFrame, **how: Any) -> Writer:
@@ -78,31 +46,21 @@ def model_words(name: str, sha256: str, seed: int | None = None) -> str:
 
 def conclude(
     result: Any,
-    parts: Callable[[], Sequence[str | pd.DataFrame]],
-    files: Mapping[str, Writer],
+    parts: Iterable[str | pd.DataFrame],
+    files: Mapping[str, Writer] = MappingProxyType({}),
     *,
-    out: Path | None,
+    out: Path | None = None,
     as_json: bool,
     status: Status | None = None,
     status_words: str | None = None,
+    good: bool = True,
 ) -> None:
-    """Write the files of a result and print it; end the command with exit status 1 if its status is not good.
+    """Write the files of a result, all or none, and print it; end with exit status 1 if it or its status is not good.
 
-    Parameters
-    ----------
-    result : JSON value
-        Printed with ``--json``.
-    parts : function that returns a sequence of str and DataFrame
-        Sentences and tables, printed without it.
-    files : mapping of str to function of a path
-        Writer of each file by its name; all files are written, or none.
-    out : Path, optional
-        Folder of the files.
-    as_json : bool
-    status : Status, optional
-    status_words : str, optional
-        Sentence of the status, where there is more to say than its own.
+    With ``--json`` the `result` is printed, without it the `parts`, and `status_words` where there is more to say than
+    the sentence of the status.
     """
+    good = good and (status is None or status.ok)
     if out is not None:
         with together():
             for name, write in files.items():
@@ -113,6 +71,6 @@ def conclude(
         from capsbayes.report.tables import print_parts
 
         written = "" if out is None else f"Written to {out}: {', '.join(files)}."
-        print_parts(*parts(), written, status=status_words or status, good=status is None or status.ok)
-    if status is not None and not status.ok:
+        print_parts(*parts, written, status=status_words or status, good=good)
+    if not good:
         raise typer.Exit(1)

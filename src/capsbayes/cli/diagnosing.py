@@ -1,0 +1,218 @@
+"""Commands about what the model misses: the diagnosis of a set of capsules, and blind sets that try it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import capsbayes as cb
+from capsbayes.cli.command import Option, Reads, Writes, command, results
+from capsbayes.cli.effects_file import EffectsFile, own_effects
+from capsbayes.cli.options import (
+    AsJson,
+    CapsulesFile,
+    ExperimentFile,
+    ModelName,
+    Seed,
+    Workers,
+    named_model,
+)
+from capsbayes.cli.output import conclude, print_json
+from capsbayes.errors import InputError
+from capsbayes.files.output_file import together, write_file
+from capsbayes.report.files import Writer, json_file
+
+if TYPE_CHECKING:
+    from capsbayes.diagnosis.blind import BlindSession, TrueEffect
+    from capsbayes.model import Effect
+
+_LARGEST = {"m": 1e-4, "s": 0.1, "s/m": 1e3}  # size of an effect by its unit; of a ratio 10
+
+
+@command
+def diagnose(
+    capsules: CapsulesFile,
+    out: Annotated[Path | None, results("study.html", "study.json")] = None,
+    experiment: ExperimentFile = None,
+    database: ModelName = None,
+    seed: Seed = 1,
+    effects: EffectsFile = None,
+    candidates: Annotated[
+        str | None, Option("Effects to try, as 'halo,exposure'; default: all that are known.")
+    ] = None,
+    measured: Annotated[
+        list[str] | None, Option("Size of an effect as measured apart from the capsules, as 'halo=0.35 +/- 0.05 um'.")
+    ] = None,
+    level: Annotated[
+        float, Option("Probability of finding a disagreement where there is none.", min=0.0, max=1.0)
+    ] = 0.05,
+    as_json: AsJson = False,
+) -> None:
+    """Find where capsules disagree with the model, name what would explain it, and test that on held-out capsules.
+
+    With --out, a run that was interrupted goes on where it was when it is started again.
+
+    Exit status: 0 whatever the verdict, 2 on bad input.
+    """
+    from capsbayes.diagnosis import summary
+    from capsbayes.report import study_page
+    from capsbayes.report.study import study_parts
+    from capsbayes.run import progress_bar, resumable
+
+    session = cb.Session.read(capsules, experiment)
+    cross_section = session.experiment.cross_section
+    known, model = cb.effects.catalogue(cross_section), named_model(database, cross_section, _view(session))
+    own = own_effects(effects, known, model)
+    tried = _chosen(candidates, {**known, **own.effects})
+    elsewhere = _measured(measured or [], tried)
+    with resumable(out, own.sha256):
+        with progress_bar(None, "reading") as update:
+            study = cb.diagnose(
+                session,
+                model,
+                seed=seed,
+                candidates=tried,
+                level=level,
+                measured=elsewhere,
+                progress=lambda step, done, steps: update(done, step, steps),
+            )
+        result = summary(study) | own.described
+        files: dict[str, Writer] = {
+            "study.html": lambda path: write_file(path, study_page(study)),
+            "study.json": json_file(result),
+        }
+        conclude(result, study_parts(study), files, out=out, as_json=as_json)
+
+
+def _view(session: cb.Session) -> str:
+    """Return the view of the outlines of a session, the mid-plane if there are none."""
+    from capsbayes.measurement import MID_PLANE
+
+    outlines = (measurement.outline for measurement in session.measurements)
+    views = sorted({outline.view for outline in outlines if outline is not None})
+    if len(views) > 1:
+        raise InputError("capsules", "outline.view", "outlines of one view", ", ".join(views))
+    return views[0] if views else MID_PLANE
+
+
+def _chosen(names: str | None, effects: dict[str, Effect]) -> dict[str, Effect]:
+    """Return the candidates named by parameter or effect, by default all."""
+    if names is None:
+        return effects
+    known = _by_either_name(effects)
+    chosen = [_known("--candidates", name.strip(), known) for name in names.split(",")]
+    return {name: effects[name] for name in chosen}
+
+
+def _known(option: str, name: str, known: Mapping[str, str]) -> str:
+    """Return the entry of `known` with this name; an unknown name is refused with a list of the known ones."""
+    if name not in known:
+        raise InputError("diagnose", option, f"one of {', '.join(known)}", repr(name))
+    return known[name]
+
+
+def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
+    """Return the name of each parameter by that of its effect, and by itself."""
+    return {effect.name: name for name, effect in effects.items()} | {name: name for name in effects}
+
+
+def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
+    """Return the size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
+    known = _by_either_name(effects)
+    sizes = {}
+    for text in texts:
+        label, _, stated = text.partition("=")
+        name = _known("--measured", label.strip(), known)
+        unit = effects[name].parameter.unit
+        bare = "" if unit == "-" else unit
+        example = f"0.3 +/- 0.1 {bare}".strip()
+        read = cb.Quantity.read(stated, where="--measured", key=name, units=(bare,), example=example, signed=True)
+        if not read.error:
+            raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
+        sizes[name] = read.value, read.error
+    return sizes
+
+
+@command
+def hide(
+    effect: Annotated[str, Option("True effect, as pre-inflation, halo, none, or one of --effects.")],
+    out: Annotated[
+        Path, Writes("Folder of the set; the truth goes into OUT.truth next to it.", next_to=("{name}.truth/",))
+    ],
+    effect_size: Annotated[str, Option("Size of the effect with its unit, as '0.03', '0.4 um' or '300 us'.")] = "0",
+    effects: EffectsFile = None,
+    shapes: Annotated[
+        Path | None, Reads("Database of simulated shapes from which capsules are drawn; default: each is simulated.")
+    ] = None,
+    capsules: Annotated[int, Option("Number of capsules.", min=1, max=10_000)] = 40,
+    seed: Seed = 1,
+    flow_rate_error: Annotated[
+        float | None, Option("Relative standard error of the flow rates; default: none are stated.", min=0.0, max=0.5)
+    ] = None,
+    lengths_only: Annotated[bool, Option("Measure lengths alone, no outlines.", "--lengths-only")] = False,
+    refinement: Annotated[int, Option("Fineness n of the mesh.", min=4, max=32)] = 12,
+    workers: Workers = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
+
+    A capsule takes about half a minute of one core, or nothing with --shapes. Finished shapes are kept, so that
+    the command can be stopped and run again. Exit status: 0 done, 2 bad input.
+    """
+    from capsbayes.diagnosis.blind import Lab, draw_session, read_shapes, simulate_session
+
+    true_effect = _true_effect(effect, effects)
+    value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
+    if out.exists() and any(out.iterdir()):
+        raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
+    how: dict[str, Any] = {"lab": Lab(flow_rate_error=flow_rate_error), "capsules": capsules, "seed": seed}
+    how["outline"] = not lengths_only
+    if shapes is not None:
+        blind = draw_session(read_shapes(shapes, true_effect, value), true_effect, value, **how)
+    else:
+        how |= {"shapes": truth / "shapes.nc", "refinement": refinement, "workers": workers}
+        blind = simulate_session(true_effect, value, **how)
+    _write_blind(blind, out, truth, as_json)
+
+
+def _true_effect(name: str, effects: Path | None) -> TrueEffect:
+    """Return the true effect of a name, which may be that of a parameter of the file of effects."""
+    from capsbayes.diagnosis.blind import true_effect_named, true_effect_of
+
+    if effects is None:
+        return true_effect_named(name)
+    own = own_effects(effects, cb.effects.catalogue(), cb.Surrogate.open("square-neo-hookean")).effects
+    return true_effect_named(name, {parameter.lower(): true_effect_of(effect) for parameter, effect in own.items()})
+
+
+def _size(effect: TrueEffect, text: str) -> float:
+    example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(effect.unit, "0.03")
+    if effect.name == "none" and text.strip() != "0":
+        raise InputError("hide", "--effect-size", "nothing with --effect none", repr(text))
+    read = cb.Quantity.read(text, where="hide", key="--effect-size", units=(effect.unit,), example=example, signed=True)
+    if read.error:
+        raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
+    if abs(read.value) > (most := _LARGEST.get(effect.unit, 10.0)):
+        expected = f"a size of at most {most:g} {effect.unit}".rstrip()
+        raise InputError("hide", "--effect-size", expected, repr(text), f'write it as "{example}"')
+    return read.value
+
+
+@together()
+def _write_blind(blind: BlindSession, out: Path, truth: Path, as_json: bool) -> None:
+    """Write the set, and next to it the truth; the set holds the truth's hash, so that it cannot be changed later."""
+    content = json.dumps(blind.truth(), indent=1) + "\n"
+    write_file(truth / "truth.json", content)
+    blind.session.write(out)
+    seal = hashlib.sha256(content.encode()).hexdigest()
+    write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
+    count, file = len(blind.session), truth / "truth.json"
+    if as_json:
+        print_json({"folder": str(out), "capsules": count, "truth": str(file), "sha256": seal})
+    else:
+        typer.echo(f"{out}: {count} capsules; the truth is in {file}, sealed by {seal[:12]}")

@@ -1,0 +1,400 @@
+"""Commands that simulate capsules, and that build, draw and validate databases of simulated shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import capsbayes as cb
+from capsbayes.cli.command import Option, Options, Reads, Writes, command
+from capsbayes.cli.options import (
+    AsJson,
+    DatabaseName,
+    Scheduler,
+    Workers,
+)
+from capsbayes.cli.output import conclude, print_json, table_file, waiting
+from capsbayes.errors import InputError
+from capsbayes.files.output_file import together
+from capsbayes.report.files import Writer, figure_file, json_file
+from capsbayes.status import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from capsbayes.physics.simulator import Snapshot
+    from capsbayes.surrogate.plane import LeaveOneOut
+
+CapillaryNumber = Annotated[float, Option("Capillary number mu U / G_s.", "--ca")]
+SizeRatio = Annotated[float, Option("Size ratio a/l: radius at rest over the half width of the channel.")]
+Plot = Annotated[Path | None, Writes("Draw the shape in a .png, .pdf or .svg file.", ".png", ".pdf", ".svg")]
+
+_ROWS = (
+    ("L_z / l", "axial_extent", "extension along the flow, plane x = 0"),
+    ("L_a / l", "axial_length", "length on the axis"),
+    ("L_p / l", "parachute_depth", "depth of the concave rear"),
+    ("Lambda", "stretch_ratio", "perimeter over that at rest"),
+    ("v_o / U", "velocity_ratio", "velocity of the capsule"),
+    ("p_in l / (mu U)", "inner_pressure", "pressure inside"),
+    ("dP+ l / (mu U)", "extra_pressure_drop", "pressure drop that the capsule adds"),
+    ("min tau / G_s", "minimum_tension", "smallest principal tension"),
+    ("max tau / G_s", "maximum_tension", "largest principal tension"),
+    ("sigma l / U", "wrinkling_rate", "growth of wrinkles about the axis; the shape is the smooth one"),
+)
+_USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "rest_aspect": 1.0}
+_COLUMNS = {
+    "time": "U t / l",
+    "axial_extent": "L_z / l",
+    "axial_length": "L_a / l",
+    "velocity_ratio": "v_o / U",
+    "speed": "speed / U",
+}
+
+
+@dataclass(frozen=True)
+class SimulatorOptions(Options):
+    """Membrane, channel and mesh of a simulation."""
+
+    law: Annotated[
+        str,
+        Option(
+            "Membrane law with its parameters, as skalak:hardening=1 (several are separated by commas): "
+            "neo-hookean; skalak (hardening); hooke (poisson_ratio); strain-hardening (strain_hardening); "
+            "hooke-share (hooke_share); general (area_dilation_modulus and strain_hardening); evans-skalak "
+            "(area_dilation_modulus)."
+        ),
+    ] = "neo-hookean"
+    cross_section: Annotated[str, Option("Cross-section of the channel: square, rectangular or circular.")] = "square"
+    corner_radius: Annotated[float, Option("Radius of the corners of a square channel, over l.")] = 0.0
+    section_aspect: Annotated[float, Option("Depth of the cross-section over the width seen, b/l.")] = 1.0
+    refinement: Annotated[int, Option("Subdivisions n of an edge of the mesh: 8 is quick, 12 is fit to publish.")] = 8
+    bending: Annotated[float, Option("Bending stiffness B over G_s a^2.")] = 2e-4
+    pre_inflation: Annotated[float, Option("Osmotic pre-inflation alpha of the radius.")] = 0.0
+    rest_aspect: Annotated[float, Option("Axis at rest along the flow over the axis across it.")] = 1.0
+    bending_energy: Annotated[
+        str, Option("What bending costs: the change of curvature, or the displacement from rest.")
+    ] = "displacement"
+
+    def simulator(self) -> cb.Simulator:
+        """Return the simulator with these settings."""
+        from capsbayes.physics.membrane import law_named
+
+        law = law_named(self.law)  # refused before the simulator is imported, which is slow
+        from capsbayes.physics.simulator import Simulator
+
+        return Simulator(**vars(self) | {"law": law})
+
+
+@command
+def simulate(
+    capillary_number: CapillaryNumber,
+    size_ratio: SizeRatio,
+    settings: SimulatorOptions,
+    paraview: Annotated[Path | None, Writes("Write the membrane to a .vtu file for ParaView.", ".vtu")] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate one capsule from its capillary number and size.
+
+    Exit status: 0 done, 1 no steady state (the status says why), 2 bad input.
+    """
+    simulator = settings.simulator()
+    with waiting("Following the branch of steady states ..."):
+        state = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
+    if as_json:
+        print_json(state.as_dict())
+    else:
+        _print_state(state)
+    if not state.status.ok:
+        raise typer.Exit(1)
+    with together():
+        if paraview is not None:
+            state.save(paraview)
+        if plot is not None:
+            from capsbayes.report.simulation import shape_figure
+
+            figure_file(lambda: shape_figure(state), dpi=160)(plot)
+
+
+def _print_state(state: cb.SteadyState) -> None:
+    from capsbayes.report.tables import print_parts, table
+
+    settings, summary = state.settings, state.as_dict()
+    unusual = [f" of the {settings['bending_energy']}"] if "bending_energy" in settings else []
+    unusual += [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
+    words = (
+        f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "
+        f"cross-section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
+    )
+    print_parts(words, summary["message"])
+    if state.status.ok:
+        known = [(symbol, summary[key], meaning) for symbol, key, meaning in _ROWS if summary[key] is not None]
+        rows = [(symbol, f"{value:.4f}", meaning) for symbol, value, meaning in known]
+        print_parts(table(("", "", ""), rows, numbers=(1,)))
+
+
+@command
+def transient(
+    capillary_number: CapillaryNumber,
+    size_ratio: SizeRatio,
+    until: Annotated[float, Option("Time U t / l at which to end.")],
+    settings: SimulatorOptions,
+    every: Annotated[float, Option("Time U dt / l between two rows of the table.")] = 0.2,
+    viscosity_ratio: Annotated[float, Option("Viscosity inside over that outside: 1.")] = 1.0,
+    scheme: Annotated[str, Option("Time steps: semi-implicit or explicit.")] = "semi-implicit",
+    table: Annotated[Path | None, Writes("Write the table, a .csv file.", ".csv")] = None,
+    paraview: Annotated[
+        Path | None, Writes("Write the membranes to a .pvd file for ParaView.", ".pvd", next_to=("{stem}-*.vtu",))
+    ] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Follow one capsule from rest and print its lengths and velocity over time.
+
+    The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
+    """
+    from capsbayes.physics.simulator import save_series
+    from capsbayes.report.tables import print_parts
+    from capsbayes.report.tables import table as rendered
+
+    simulator: Any = settings.simulator()
+    way = simulator.transient(
+        capillary_number=capillary_number,
+        size_ratio=size_ratio,
+        until=until,
+        every=every,
+        scheme=scheme,
+        viscosity_ratio=viscosity_ratio,
+    )
+    snapshots = _followed(way, until)
+    numbers = [_numbers(snapshot) for snapshot in snapshots]
+    shown = rendered(list(_COLUMNS.values()), map(_row, numbers), numbers=range(len(_COLUMNS)))
+    if as_json:
+        print_json([dict(zip(_COLUMNS, row, strict=True)) for row in numbers])
+    else:
+        print_parts(shown, _end(snapshots[-1]))
+    with together():
+        if table is not None:
+            table_file(shown, header=list(_COLUMNS), index=False)(table)
+        if paraview is not None:
+            save_series(snapshots, paraview)
+        if plot is not None:
+            from capsbayes.report.simulation import transient_figure
+
+            figure_file(lambda: transient_figure(_chosen(snapshots)), dpi=160)(plot)
+
+
+def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
+    """Return all snapshots; show a progress bar on a terminal."""
+    from capsbayes.run import progress_bar
+
+    snapshots = []
+    with progress_bar(until, "l / U") as update:
+        for snapshot in way:
+            snapshots.append(snapshot)
+            update(snapshot.time)
+    return snapshots
+
+
+def _numbers(snapshot: Snapshot) -> tuple[float, ...]:
+    """Return the numbers of `_COLUMNS`."""
+    profile = snapshot.profile
+    numbers = snapshot.time, profile.axial_extent, profile.axial_length, snapshot.velocity_ratio, snapshot.speed
+    return tuple(map(float, numbers))
+
+
+def _row(numbers: tuple[float, ...]) -> list[str]:
+    time, *ratios, speed = numbers
+    return [f"{time:.4g}", *(f"{ratio:.4f}" for ratio in ratios), f"{speed:.1e}"]
+
+
+def _end(last: Snapshot) -> str:
+    from capsbayes.physics.transient import STEADY
+
+    if last.speed < STEADY:
+        return "Steady."
+    return f"Not yet steady: the fastest node moves at {last.speed:.2g} U, seen from the centroid."
+
+
+def _chosen(snapshots: list[Snapshot]) -> list[Snapshot]:
+    """Return the start, the snapshots nearest to a twelfth and a quarter of the time, and the end."""
+    end = snapshots[-1].time
+    chosen = [
+        min(snapshots, key=lambda snapshot: abs(snapshot.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)
+    ]
+    return list(dict.fromkeys(chosen))
+
+
+@command
+def build(
+    out: Annotated[
+        Path, Writes("NetCDF file to write; finished cases are kept in OUT.parts.", ".nc", next_to=("{name}.parts/",))
+    ],
+    settings: SimulatorOptions,
+    cases: Annotated[Path | None, Reads("CSV file with the columns capillary_number and size_ratio.")] = None,
+    grid: Annotated[str | None, Option("Instead of --cases: 'default', 418 cases.")] = None,
+    effect: Annotated[
+        str | None, Option("One more parameter to vary over --values, as pre_inflation, or hardening of the law.")
+    ] = None,
+    values: Annotated[
+        str | None, Option("Values of --effect, as 0,0.01,0.05: at least three, the usual one among them.")
+    ] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    compare: Annotated[
+        int | None, Option("Refinement on which five cases are run again, to keep the mesh's error.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate many cases and write one database; a second run continues where the first stopped.
+
+    Exit status: 0 done, 1 not one case converged, 2 bad input.
+    """
+    simulator = settings.simulator()
+    chosen, varied = _chosen_cases(cases, grid), _values(effect, values)
+    if compare is not None and compare <= simulator.refinement:
+        raise InputError("build", "--compare", "more than --refinement", str(compare))
+    if compare is not None and effect is not None:
+        raise InputError("build", "--compare", "nothing with --effect", str(compare))
+    begin = perf_counter()
+    how: dict[str, Any] = {"scheduler": scheduler, "workers": workers, "compare": compare}
+    database = cb.build_database(simulator, chosen, out=out, effect=effect, values=varied, **how)
+    seconds = round(perf_counter() - begin, 1)
+    summary = {"file": str(out)} | database.as_dict() | {"seconds": seconds}
+    if as_json:
+        print_json(summary)
+    else:
+        typer.echo(f"{out}: {len(database)} cases in {seconds} s")
+        for name, count in summary["statuses"].items():
+            typer.echo(f"{count:6d}  {Status[name]}")
+        typer.echo(f"sha256  {database.sha256}")
+    if not len(database.converged):
+        raise typer.Exit(1)
+
+
+def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
+    from capsbayes.physics.build import default_grid, read_cases
+
+    if (cases is None) == (grid is None):
+        raise InputError("build", "--cases, --grid", "one of the two", "neither" if cases is None else "both")
+    if cases is not None:
+        return read_cases(cases)
+    if grid != "default":
+        raise InputError("build", "--grid", "one of default", repr(grid))
+    return default_grid()
+
+
+def _values(effect: str | None, text: str | None) -> list[float]:
+    """Return the numbers of --values, which comes with --effect."""
+    if (effect is None) != (text is None):
+        raise InputError("build", "--effect, --values", "both or neither", "only one")
+    try:
+        return [float(value) for value in (text or "").split(",") if value]
+    except ValueError:
+        raise InputError("build", "--values", "numbers with commas between them", repr(text)) from None
+
+
+@command
+def atlas(
+    database: DatabaseName,
+    out: Annotated[Path, Writes("Folder for the pictures.", within=("*.png",))] = Path("atlas"),
+    as_json: AsJson = False,
+) -> None:
+    """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
+    from capsbayes.report.database import atlas as figures_of
+    from capsbayes.report.style import write_figure
+    from capsbayes.run import resumable
+
+    whole = cb.Database.open(database)
+    with resumable(out), waiting("Drawing ..."):
+        figures = figures_of(whole)
+        paths = [out / f"{name}.png" for name in figures]
+        with together():
+            for path, figure in zip(paths, figures.values(), strict=True):
+                write_figure(figure, path)
+    if as_json:
+        files = [{"file": str(path), "bytes": path.stat().st_size} for path in paths]
+        counts = {"cases": len(whole), "converged": len(whole.converged)}
+        print_json({"sha256": whole.sha256, **counts, "files": files})
+        return
+    typer.echo(f"{len(whole.converged)} of {len(whole)} cases with a steady state")
+    for path in paths:
+        typer.echo(f"  {path}  {path.stat().st_size / 1000:.0f} kB")
+
+
+Studies = dict[str, list["LeaveOneOut"]]
+
+
+@command
+def validate(
+    database: DatabaseName = "square-neo-hookean",
+    out: Annotated[
+        Path | None, Writes("Folder for the heat maps and the table.", within=("validation.json", "errors-*.png"))
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Hold out one case at a time, and identify it from its two lengths."""
+    from capsbayes.report.database import heat_maps
+    from capsbayes.run import resumable
+    from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
+
+    whole = cb.Database.open(database)
+    if whole.effect != "none":
+        raise InputError("validate", "database", "one over Ca and a/l alone", f"one that varies {whole.effect} as well")
+    sets = {"all": whole, "even": even_subset(whole)}
+    with resumable(out):
+        with waiting("Holding out one case at a time ..."):
+            studies = {name: [validate_inverse(cases), validate_forward_map(cases)] for name, cases in sets.items()}
+        errors = _errors(studies, whole.sha256)
+        files: dict[str, Writer] = {"validation.json": json_file(errors)}
+        for name, pair in studies.items():
+            files[f"errors-{name}.png"] = figure_file(partial(heat_maps, *pair), dpi=150)
+        conclude(errors, [_error_table(studies)], files, out=out, as_json=as_json)
+
+
+def _errors(studies: Studies, sha256: str) -> dict[str, Any]:
+    from capsbayes.surrogate.plane import PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
+
+    rows = []
+    for name, study, which in _each(studies):
+        summary = study.summary(which)
+        row: dict[str, Any] = {"set": name, "method": study.method, "which": which}
+        row |= {"count": summary.cases, "failed": summary.failed}
+        for k, parameter in enumerate(PARAMETERS):
+            row[parameter] = {figure: float(getattr(summary, figure)[k]) for figure in ("mean", "sd", "median")}
+        rows.append(row)
+    paper = {key: dict(zip(PARAMETERS, values, strict=True)) for key, values in PAPER_ERRORS.items()}
+    return {"sha256": sha256, "stretch_limit": STRETCH_LIMIT, "relative_errors": rows, "paper": paper}
+
+
+def _error_table(studies: Studies) -> pd.DataFrame:
+    from capsbayes.report.tables import Symbols, table
+    from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS
+
+    rows = []
+    for name, study, which in _each(studies):
+        summary = study.summary(which)
+        lost = f", {summary.failed} lost" if summary.failed else ""
+        cases = f"{summary.cases} {name if which == 'all' else CHOICES[which]}{lost}"
+        rows.append((cases, study.method, *_percent(summary.mean, summary.sd, digits=2)))
+    published = _percent(PAPER_ERRORS["mean"], PAPER_ERRORS["sd"], digits=1)
+    rows.append((CHOICES["stretched"], "as published", *published))
+    head = ("cases", "method", *map(Symbols, ("Ca", "a/l", "v_o/U")))
+    return table(head, rows, title="Leave-one-out: relative error, mean ± sd [%]", numbers=(2, 3, 4))
+
+
+def _each(studies: Studies) -> Iterator[tuple[str, LeaveOneOut, str]]:
+    """Yield the name of the set, the study, and each choice of its cases."""
+    from capsbayes.surrogate.plane import CHOICES
+
+    yield from ((name, study, which) for name, pair in studies.items() for study in pair for which in CHOICES)
+
+
+def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> list[str]:
+    return [f"{100 * mean:.{digits}f} ± {100 * sd:.{digits}f}" for mean, sd in zip(means, sds, strict=True)]
