@@ -1,8 +1,6 @@
 """Page, terminal and figures of a posterior say what was found, its caveats, and where it comes from."""
 
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -250,15 +248,6 @@ def test_the_corner_plot_marks_the_deterministic_answer_and_what_has_no_spread()
     ax = corner_plot(same, ("capillary_number", "size_ratio")).axes[-1]
     low, high = ax.get_xlim()
     assert low < 0.9 < high
-
-
-def test_the_corner_plot_needs_no_arviz(tmp_path):
-    path = posterior().write(tmp_path / "posterior.nc")
-    code = (
-        "import sys; from capsbayes import Posterior; from capsbayes.report import corner_plot; "
-        f"corner_plot(Posterior.read({str(path)!r})); assert 'arviz' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_the_band_lies_along_the_normal():

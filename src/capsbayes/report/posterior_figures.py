@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,6 +61,8 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
     each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     """
+    import corner  # it imports arviz, a second
+
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
     draws = np.stack([parameter.scale * np.ravel(posterior.draws[parameter.name]) for parameter in shown], axis=1)
     draws = draws[:: max(1, len(draws) // _MOST_DRAWS)]
@@ -70,8 +71,7 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     ends = list(zip(lows - margins, highs + margins, strict=True))
     answer = posterior.deterministic and posterior.deterministic.as_dict()
     figure = new_figure(2.1 * len(shown) + 1.3, 2.1 * len(shown) + 1.3, layout=None)
-    labels = [parameter.axis_label for parameter in shown]
-    _corner_of_arrays()(draws, fig=figure, range=ends, labels=labels, **_CORNER)
+    corner.corner(draws, fig=figure, range=ends, labels=[parameter.axis_label for parameter in shown], **_CORNER)
     for place, ax in enumerate(figure.axes):
         row, column = divmod(place, len(shown))
         up, across = shown[row], shown[column]
@@ -93,15 +93,6 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
         words = "deterministic answer (diffuse approximation)"
         figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
     return figure
-
-
-def _corner_of_arrays() -> Any:
-    """The file of `corner` that draws arrays, alone: for other data, the package first imports arviz, a second."""
-    package: Any = importlib.util.find_spec("corner")
-    core: Any = importlib.util.spec_from_file_location("corner_core", Path(package.origin).with_name("core.py"))
-    module: Any = importlib.util.module_from_spec(core)
-    core.loader.exec_module(module)
-    return module.corner_impl
 
 
 def corner_of_all(posterior: Posterior) -> Figure:
