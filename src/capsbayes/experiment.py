@@ -17,7 +17,7 @@ from capsbayes.errors import InputError
 from capsbayes.files.input_file import InputFile, checked_table, quantity, unread
 from capsbayes.files.output_file import write_file
 from capsbayes.parameters import PARAMETERS
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, settle
 from capsbayes.readable import Readable
 
 # Geometry of a camera: how its pictures differ from a drawing to one scale, as a calibration tells
@@ -75,8 +75,7 @@ class Camera:
     taper: Given = 0.0
 
     def __post_init__(self) -> None:
-        for name in _NUMBERS:
-            object.__setattr__(self, name, _number(getattr(self, name), "camera", name))
+        settle(self, **{name: _number(getattr(self, name), "camera", name) for name in _NUMBERS})
 
     @classmethod
     def read(cls, table: Any, where: str, key: str) -> Camera:
@@ -394,7 +393,7 @@ class Experiment(Readable):
             raise InputError(where, ", ".join(_FLUID), expected, "both" if given else "neither")
         for key in ("half_width", *given, *_OPTIONAL):
             if key not in _OPTIONAL or getattr(self, key) is not None:
-                object.__setattr__(self, key, Quantity.of(getattr(self, key), key, where=where))
+                settle(self, **{key: Quantity.of(getattr(self, key), key, where=where)})
 
     @classmethod
     def read(cls, path: str | Path) -> Experiment:

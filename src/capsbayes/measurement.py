@@ -18,7 +18,7 @@ from capsbayes.files.input_file import InputFile, Reader, checked_table, file_na
 from capsbayes.files.output_file import together, write_file
 from capsbayes.parameters import STATED
 from capsbayes.profile import arc_length, check_simple, signed_area
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, settle
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 
@@ -243,7 +243,7 @@ class MeasuredOutline:
             points = points[::-1]
         points = np.ascontiguousarray(points)
         points.setflags(write=False)
-        _settle(self, points=points, view=view)
+        settle(self, points=points, view=view)
 
 
 def check_placed(outline: MeasuredOutline, axial_extent: float, where: str) -> None:
@@ -391,7 +391,7 @@ class Measurement(Readable):
         if not self.status.ok:
             return
         if (unit := self._split(where, "axial_extent", ("", "m"))) is not None:
-            _settle(self, over_half_width=not unit)
+            settle(self, over_half_width=not unit)
         self._split(where, "axial_length", ("",) if self.over_half_width else ("m",))
         self._split(where, "capsule_velocity", ("m/s",))
         for key in ("axial_extent", "capsule_velocity", "axial_length"):
@@ -403,7 +403,7 @@ class Measurement(Readable):
             if key not in CONDITIONS:
                 raise InputError(where, "conditions", " or ".join(CONDITIONS), repr(key))
         read = {key: Quantity.of(value, key, where=where).value for key, value in self.conditions.items()}
-        _settle(self, conditions=read)
+        settle(self, conditions=read)
         if not (_is_number(self.length_correlation) and -1.0 < self.length_correlation < 1.0):
             raise InputError(where, "length_correlation", "a number between -1 and 1", repr(self.length_correlation))
 
@@ -427,21 +427,21 @@ class Measurement(Readable):
         error = rate.error or _apart(self.flow_rate_error, where, "flow_rate_error", ("m^3/s",)) or 0.0
         if not 0.0 <= error <= rate.value:
             raise InputError(where, "flow_rate_error", f"a number from 0 to {rate.value:g}", repr(error))
-        _settle(self, flow_rate=rate.value, flow_rate_error=error)
+        settle(self, flow_rate=rate.value, flow_rate_error=error)
 
     def _split(self, where: str, key: str, units: tuple[str, ...]) -> str | None:
         """Split a quantity into its value and its error; return its unit, None if it is a number or missing."""
         given, error = getattr(self, key), getattr(self, f"{key}_error")
         if given is None or _is_number(given):
             bare = units if key == "capsule_velocity" else ("",) if self.over_half_width else ("m",)
-            _settle(self, **{f"{key}_error": _apart(error, where, f"{key}_error", bare)})
+            settle(self, **{f"{key}_error": _apart(error, where, f"{key}_error", bare)})
             return None
         apart = error is not None and not _is_number(error)  # a bare number beside a unit could be in either
         made = Quantity.of(given, key, where=where, units=units) if apart else _measured(*units)(given, where, key)
         stated = _apart(error, where, f"{key}_error", (made.unit,)) if apart else made.error
         if apart and made.error:
             raise InputError(where, f"{key}_error", "one error", f"{made}, and {error}")
-        _settle(self, **{key: made.value, f"{key}_error": stated})
+        settle(self, **{key: made.value, f"{key}_error": stated})
         return made.unit
 
     def _check_pair(self, where: str, key: str) -> None:
@@ -619,12 +619,6 @@ class Measurement(Readable):
             return np.array([[self.axial_extent_error**2]])
         cross = self.length_correlation * self.axial_extent_error * self.axial_length_error
         return np.array([[self.axial_extent_error**2, cross], [cross, self.axial_length_error**2]])
-
-
-def _settle(frozen: object, **values: Any) -> None:
-    """Replace what was given to a frozen object by what it means, while it is made."""
-    for name, value in values.items():
-        object.__setattr__(frozen, name, value)
 
 
 def _is_number(given: object) -> bool:

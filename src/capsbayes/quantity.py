@@ -20,6 +20,13 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.parameters import BELIEVED, PARAMETERS, SI_UNITS, STATED
 
+
+def settle(frozen: object, **values: Any) -> None:
+    """Replace what was given to a frozen object by what it means, while it is made."""
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
 # Numbers with units in text: ``"50.0 +/- 0.5 um"`` is split and converted to SI, and nothing is evaluated
 
 LARGEST = 1e60

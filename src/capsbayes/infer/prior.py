@@ -19,7 +19,7 @@ from capsbayes.files.input_file import InputFile
 from capsbayes.measurement import Measurement
 from capsbayes.model import CoordinateRange, ForwardModel
 from capsbayes.parameters import COORDINATES, PARAMETERS, STATED
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, settle
 
 # Summary of one quantity: mean, standard deviation, median, equal-tailed 68 % and 95 % intervals
 
@@ -201,12 +201,11 @@ class Prior:
     coordinates: Mapping[str, Given] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in _LIMITED:
-            object.__setattr__(self, name, _uncertain(getattr(self, name), name, "prior", name))
+        limited = {name: _uncertain(getattr(self, name), name, "prior", name) for name in _LIMITED}
         read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
         if THICKNESS in read and "bending" in read:
             raise InputError("prior", f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
-        object.__setattr__(self, "coordinates", read)
+        settle(self, coordinates=read, **limited)
 
     @property
     def both(self) -> tuple[Quantity, Quantity]:
@@ -475,9 +474,8 @@ class Membrane:
         known = {law.lower(): law for law in LAWS}
         if not isinstance(self.law, str) or self.law.lower() not in known:
             raise InputError(self.source, "law", f"one of {', '.join(LAWS)}", repr(self.law))
-        object.__setattr__(self, "law", known[self.law.lower()])
-        for name in KEYS:
-            object.__setattr__(self, name, self._read(name))
+        settle(self, law=known[self.law.lower()])
+        settle(self, **{name: self._read(name) for name in KEYS})
         self._check()
 
     @classmethod

@@ -16,7 +16,7 @@ from capsbayes.infer.prior import Inputs
 from capsbayes.measurement import CONDITIONS, MID_PLANE, MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, settle
 
 _SURE = 1e-6  # relative error of a flow rate that is stated without one
 
@@ -83,10 +83,10 @@ class LabErrors:
                 continue
             read = Quantity.of(given, where="errors", key=name, units=("", "m") if name in lengths else ("",))
             if name == "axial_extent":
-                object.__setattr__(self, "over_half_width", not read.unit)
+                settle(self, over_half_width=not read.unit)
             if name == "axial_length" and bool(read.unit) == self.over_half_width:
                 raise InputError("errors", name, "lengths both over l or both in metres", str(given))
-            object.__setattr__(self, name, read.value)
+            settle(self, **{name: read.value})
 
     @classmethod
     def of(cls, measurement: Measurement) -> LabErrors:

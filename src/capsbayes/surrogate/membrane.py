@@ -605,7 +605,8 @@ class MembraneSurrogate(DatabaseModel):
         inside = np.isfinite(means[:, 0])
         shapes = self.outlines_of(means[:, _NUMBERS:]) if outline else None
         covariance = _VARIANCE * covariances[:, :_ERRING, :_ERRING]
-        return Prediction(*means.T[:_NUMBERS], covariance=covariance, inside=inside, outline=shapes)
+        extent, length, velocity, stretch = means.T[:_NUMBERS]
+        return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 
 
 def _spread_out(rows: Floats, inside: Booleans) -> Floats:
