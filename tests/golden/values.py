@@ -30,7 +30,7 @@ def plain(value: Any) -> Any:
         return value.tolist() if value.size <= LONG else digest(value)
     if isinstance(value, (list, tuple, set, frozenset)):
         return [plain(one) for one in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
-    if isinstance(value, np.generic):
+    if isinstance(value, np.bool_ | np.integer | np.floating):
         return value.item()
     return value if isinstance(value, (int, float)) else str(value)
 
