@@ -55,7 +55,7 @@ class Room(NamedTuple):
 _WHOLE_PICTURES = "integrals_and_centroids_of_drawn_pictures_are_the_truth_within_their_errors"  # slow if interpreted
 
 ROOMS = {
-    "laws": Room(("physics/membrane.py",), ("tests/physics/membrane",)),
+    "laws": Room(("physics/membrane.py",), ("tests/physics/test_laws.py",)),
     "kernel": Room(
         ("infer/likelihood.py", "infer/log_grid.py"),
         ("tests/infer/test_likelihood.py", "tests/infer/test_log_grid.py", "tests/infer/test_density.py"),
