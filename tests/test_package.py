@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +35,12 @@ def test_every_public_name_can_be_had():
         assert name in dir(capsbayes)
     with pytest.raises(AttributeError, match="module 'capsbayes' has no attribute 'capsule'"):
         _ = capsbayes.capsule
+
+
+def test_no_two_classes_have_one_name():
+    sources = (path.read_text(encoding="utf-8") for path in Path(capsbayes.__file__).parent.rglob("*.py"))
+    names = Counter(name for text in sources for name in re.findall(r"^class (\w+)", text, flags=re.MULTILINE))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_the_lines_of_the_design_run(tmp_path):

@@ -190,7 +190,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType({row[0]: _parameter(*row)
 """Every quantity by name."""
 
 
-class Stated(NamedTuple):
+class Plausible(NamedTuple):
     """Example of a stated quantity that can be read, and its plausible range of any experiment, SI."""
 
     example: str
@@ -198,21 +198,21 @@ class Stated(NamedTuple):
     most: float
 
 
-STATED: Mapping[str, Stated] = MappingProxyType(
+STATED: Mapping[str, Plausible] = MappingProxyType(
     {
-        "surface_shear_modulus": Stated("10 mN/m", 1e-8, 1e3),
-        "capsule_radius": Stated("25 um", 1e-8, 0.1),
-        "half_width": Stated("25.0 +/- 0.2 um", 1e-7, 0.1),
-        "viscosity": Stated("0.85 +/- 0.02 Pa s", 1e-6, 1e3),
-        "viscous_tension": Stated("0.028 +/- 0.001 N/m", 1e-12, 1e3),
-        "density": Stated("998 kg/m^3", 1e2, 3e4),
-        "flow_rate": Stated("0.60 uL/min", 1e-18, 1e-3),
-        "capsule_velocity": Stated("5.00 +/- 0.05 mm/s", 1e-9, 2.0),
-        "axial_extent": Stated("2.14 +/- 0.01", 1e-2, 20.0),
-        "axial_length": Stated("1.81 +/- 0.01", 1e-4, 20.0),
-        "frame_rate": Stated("2000 Hz", 1e-3, 1e9),
-        "exposure": Stated("20 us", 1e-9, 10.0),
-        "membrane_thickness": Stated("0.6 +/- 0.2 um", 1e-10, 1e-2),
+        "surface_shear_modulus": Plausible("10 mN/m", 1e-8, 1e3),
+        "capsule_radius": Plausible("25 um", 1e-8, 0.1),
+        "half_width": Plausible("25.0 +/- 0.2 um", 1e-7, 0.1),
+        "viscosity": Plausible("0.85 +/- 0.02 Pa s", 1e-6, 1e3),
+        "viscous_tension": Plausible("0.028 +/- 0.001 N/m", 1e-12, 1e3),
+        "density": Plausible("998 kg/m^3", 1e2, 3e4),
+        "flow_rate": Plausible("0.60 uL/min", 1e-18, 1e-3),
+        "capsule_velocity": Plausible("5.00 +/- 0.05 mm/s", 1e-9, 2.0),
+        "axial_extent": Plausible("2.14 +/- 0.01", 1e-2, 20.0),
+        "axial_length": Plausible("1.81 +/- 0.01", 1e-4, 20.0),
+        "frame_rate": Plausible("2000 Hz", 1e-3, 1e9),
+        "exposure": Plausible("20 us", 1e-9, 10.0),
+        "membrane_thickness": Plausible("0.6 +/- 0.2 um", 1e-10, 1e-2),
     }
 )
 """The quantities that a user states, by name."""

@@ -20,7 +20,7 @@ from starlette.requests import ClientDisconnect
 
 from capsbayes.app import server
 from capsbayes.app.desk import Bench
-from capsbayes.app.server import Gate, make_private
+from capsbayes.app.server import AccessControl, make_private
 from capsbayes.errors import InputError
 
 PORT = 8123
@@ -71,7 +71,7 @@ def client(tmp_path):
         return len(await request.body())
 
     (tmp_path / "report.html").write_text("<p>kept</p>")
-    client = Browser(Gate(app, PORT))
+    client = Browser(AccessControl(app, PORT))
     client.offered = bench.offer(tmp_path / "report.html")
     return client
 

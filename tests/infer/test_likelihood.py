@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.stats import multivariate_normal
 
 from capsbayes.infer.likelihood import (
-    Flow,
+    FlowRate,
     LengthsLikelihood,
     ModelAtPoints,
     border_steps,
@@ -107,7 +107,7 @@ def test_a_flow_rate_conditions_the_inputs_as_one_linear_equation_among_normal_n
     prior = np.diag([velocity, width, rate, ratio])
     gain = prior @ equation / (equation @ prior @ equation)
     mismatch, reported = 0.2 - 0.15, np.array([[1, 0, 0, -1], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
-    changes, variances = given_flow(-0.15, ratio, Flow(0.2, velocity, width, rate))
+    changes, variances = given_flow(-0.15, ratio, FlowRate(0.2, velocity, width, rate))
     np.testing.assert_allclose(changes, reported @ (-gain * mismatch))
     posterior = prior - np.outer(gain, equation @ prior)
     np.testing.assert_allclose(variances, np.diag(reported @ posterior @ reported.T))

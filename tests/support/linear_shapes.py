@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capsbayes.infer.conditional import Batch, ShapeModel, Shapes, Slopes
+from capsbayes.infer.conditional import Batch, ShapeModel, Shapes, ShapeSlopes
 
 ALONG = np.array([[0.30, 1.7], [-0.25, 1.9], [0.1, -0.4]])  # of three numbers along ln Ca and a/l
 OF_MEMBRANE = np.array([0.4, 0.1, -0.3])
@@ -29,7 +29,7 @@ class Linear(ShapeModel):
         shapes = self(theta)
         ahead = [self(other) for other in moved]
         numbers = np.array([other.numbers - shapes.numbers for other in ahead])
-        return shapes, Slopes(numbers, np.array([other.log_ratio - shapes.log_ratio for other in ahead]))
+        return shapes, ShapeSlopes(numbers, np.array([other.log_ratio - shapes.log_ratio for other in ahead]))
 
     @property
     def bounds(self):

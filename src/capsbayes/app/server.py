@@ -41,7 +41,7 @@ _HEADERS = {
 }
 
 
-class Gate:
+class AccessControl:
     """What stands before the pages: it refuses whoever did not open the address, other hosts, and too large uploads.
 
     The token in the address opens the page once; then a new one is drawn, and `used` is called. From then on the
@@ -195,7 +195,7 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
             until_used.close()
             print(f"The page was opened. To open it in another browser: {gate.address}", flush=True)
 
-        gate = Gate(_served(bench), listening.getsockname()[1], used)
+        gate = AccessControl(_served(bench), listening.getsockname()[1], used)
 
         def ready() -> None:
             kept = f"Capsules are kept in {bench.folder}, which only you can enter; Ctrl-C ends it."

@@ -252,7 +252,7 @@ _LOST = 15.0  # log likelihood of a capsule of which the model knows no shape, b
 _NOTHING = -1e6  # log likelihood of each where hardly one can have been made
 
 
-class Population(NamedTuple):
+class MeanAndSpread(NamedTuple):
     """Mean of ln G_s of the capsules, and standard deviation in excess of their errors."""
 
     mean: float
@@ -529,7 +529,7 @@ def _about_the_best(sizes: list[float], totals: list[float], null: float = 0.0) 
     return [guess for guess in wanted if min(abs(guess - size) for size in sizes) > _NEXT * (high - low)]
 
 
-def population(values: Floats, variances: Floats) -> Population:
+def population(values: Floats, variances: Floats) -> MeanAndSpread:
     """Estimate mean and spread of normal values (n,) that are known with errors of given variances (n,)."""
 
     def mean(spread: float) -> float:
@@ -542,7 +542,7 @@ def population(values: Floats, variances: Floats) -> Population:
 
     found = minimize_scalar(surprise, bounds=(0.0, _LARGEST_SPREAD), method="bounded")
     spread = float(found.x) if found.fun < surprise(0.0) else 0.0
-    return Population(mean(spread), spread)
+    return MeanAndSpread(mean(spread), spread)
 
 
 def log_likelihood(fits: Fits) -> Floats:

@@ -198,7 +198,7 @@ class Shapes(NamedTuple):
     ratio_error: Floats  # (n,): the model's own standard error of it
 
 
-class Slopes(NamedTuple):
+class ShapeSlopes(NamedTuple):
     """To first order, m times the changes of shapes at n points; rows of NaN where the model has no answer."""
 
     numbers: Floats  # (m, n, k)
@@ -221,7 +221,9 @@ class ShapeModel:
         seen = self.model(theta)
         return _shapes(seen, seen.values[:, :2], seen.covariance[:, :2, :2])
 
-    def with_slopes(self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]) -> tuple[Shapes, Slopes]:
+    def with_slopes(
+        self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]]
+    ) -> tuple[Shapes, ShapeSlopes]:
         """Return the shapes at n points without the error of their numbers, and how they change if the points move."""
         # `moved` are further n points each. Changes are those of L_z, L_a, v_o/U, Lambda and of the modes.
         seen, coefficients, changes = self.model.with_changes(theta, moved, outline=self.outline)
@@ -230,7 +232,7 @@ class ShapeModel:
             numbers = np.column_stack([coefficients, seen.axial_length])
             of_numbers = np.concatenate([changes[..., 4:], changes[..., 1:2]], axis=-1)
         shapes = _shapes(seen, numbers, seen.covariance[:, :0, :0])
-        return shapes, Slopes(of_numbers, changes[..., 2] / seen.velocity_ratio)
+        return shapes, ShapeSlopes(of_numbers, changes[..., 2] / seen.velocity_ratio)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -337,7 +339,7 @@ class Conditional(NamedTuple):
     common: Floats  # (d, 4): what is common, likewise
 
 
-class Step(NamedTuple):
+class NewtonStep(NamedTuple):
     """A step along all unknowns of d membranes."""
 
     scores: Floats  # (d, f): of the membranes' normal scores
@@ -453,7 +455,7 @@ class Capsules:
         common: Floats,
         moved: Sequence[Membranes],
         scores: Floats,
-    ) -> Step:
+    ) -> NewtonStep:
         """Return the step towards the best membranes and capsules, from d membranes with normal scores (d, f)."""
         # `moved` are the membranes with one score after the other larger by `STEP`.
         there = self._there(membranes, own, moved)
@@ -462,7 +464,9 @@ class Capsules:
         solved = self._solved(blocks, every)
         white: Floats = np.asarray(np.linalg.inv(solved.factor), dtype=np.float64)
         covariance, c, whole = white.swapaxes(1, 2) @ white, common.shape[1], solved.common_step
-        return Step(whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio)
+        return NewtonStep(
+            whole[:, c:], whole[:, :c], solved.own_step, solved.decrease, covariance, there.shapes.log_ratio
+        )
 
     def with_model_error(self, membranes: Membranes, own: Floats) -> Capsules:
         """Return the capsules with the model's own error in theirs: that at one membrane (1,) and places (n, 2)."""

@@ -12,7 +12,7 @@ so the inputs integrate to the probability that G_s and a lie in their ranges,
 a function of one number each, whatever the distributions of the inputs are.
 
 A flow rate Q ties v_o, l and v_o/U together: Q r / (A v_o) = 1 with the area A of the cross-section. With log-normal
-v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `Flow`.
+v_o, l and Q this is one more Gaussian factor in log r, and the inputs given the shape stay log-normal: `FlowRate`.
 Where v_o was not measured, its variance is infinite: there is no such factor, U = Q / (A l^2), and v_o = U r is
 predicted. The powers above are then (Ca A)^-g, Q^g p(Q) and l^(k - 2g) p(l).
 """
@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.experiment import capsule_radius, mean_velocity, membrane_thickness, surface_shear_modulus
-from capsbayes.infer.likelihood import Flow, LengthsLikelihood, ModelAtPoints, flow_mismatch, given_flow
+from capsbayes.infer.likelihood import FlowRate, LengthsLikelihood, ModelAtPoints, flow_mismatch, given_flow
 from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline import AnyOutline
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
@@ -133,7 +133,7 @@ class PosteriorDensity:
         power = self.prior.surface_shear_modulus.power - 1 if self.inputs.by_flow_rate else -1
         return None if self.inputs.flow_rate is None else LogGrid.of(self.inputs.flow_rate, power)
 
-    def flow(self, half_width: Floats | None, model: ModelAtPoints | None = None) -> Flow | None:
+    def flow(self, half_width: Floats | None, model: ModelAtPoints | None = None) -> FlowRate | None:
         """Return the second source of U, if there is one; the half width is given where it is a dimension."""
         if self.flow_rate is None:
             return None
@@ -141,9 +141,11 @@ class PosteriorDensity:
         if model is not None and model.log_area is not None:
             offset = offset - model.log_area
         if half_width is not None:
-            return Flow(offset - 2.0 * np.log(half_width), self.capsule_velocity.variance, 0.0, self.flow_rate.variance)
+            return FlowRate(
+                offset - 2.0 * np.log(half_width), self.capsule_velocity.variance, 0.0, self.flow_rate.variance
+            )
         variances = self.capsule_velocity.variance, self.half_width.variance, self.flow_rate.variance
-        return Flow(offset - 2.0 * self.half_width.mean, *variances)
+        return FlowRate(offset - 2.0 * self.half_width.mean, *variances)
 
     @cached_property
     def force_scale(self) -> LogGrid:

@@ -50,7 +50,7 @@ def velocity_ratios(
     return mean, rr - zr * zr / zz - np.where(known, shared * shared / left, 0.0)
 
 
-class Flow(NamedTuple):
+class FlowRate(NamedTuple):
     """Second source of the mean velocity, the flow rate over the area of the cross-section: U = Q / (A/l^2 l^2).
 
     All quantities are log-normal here, so that everything stays Gaussian in the logarithms.
@@ -62,13 +62,13 @@ class Flow(NamedTuple):
     rate: float  # variance of log Q
 
 
-def flow_mismatch(log_ratio: Floats, variance: Floats | float, flow: Flow) -> tuple[Floats, Floats]:
+def flow_mismatch(log_ratio: Floats, variance: Floats | float, flow: FlowRate) -> tuple[Floats, Floats]:
     """Return log of Q r / (A v_o), which is zero where both sources of U agree, and its variance."""
     return flow.offset + log_ratio, flow.velocity + 4.0 * flow.half_width + flow.rate + np.asarray(variance)
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def given_flow(log_ratio: Floats, variance: Floats | float, flow: Flow) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def given_flow(log_ratio: Floats, variance: Floats | float, flow: FlowRate) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Return the changes of log U, log l, log v_o and log(v_o/U) by the flow rate, and their variances given it."""
     (mismatch, total), variance = flow_mismatch(log_ratio, variance, flow), np.float64(1.0) * variance
     width, pull = flow.half_width, mismatch / total

@@ -32,9 +32,9 @@ from capsbayes.infer.conditional import (
     Batch,
     Capsules,
     Membranes,
+    NewtonStep,
     ShapeModel,
     Start,
-    Step,
     Unknowns,
     batch_of,
     key_of,
@@ -228,7 +228,7 @@ def modes(capsules: Capsules, unknowns: Unknowns, starts: Floats) -> list[Mode]:
     return [Mode(point, _whole(unknowns, one)) for point, one in zip(points, covariance, strict=True)]
 
 
-def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: Start) -> Step:
+def step_of_all(capsules: Capsules, unknowns: Unknowns, points: Floats, values: Start) -> NewtonStep:
     """Return the step towards the best membranes and capsules from points (d, p) and values of the capsules there."""
     moved = []
     for column in range(unknowns.scores):

@@ -103,7 +103,7 @@ _VARIABLE, _STATE = "variable ", "state "
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class CaseOutcome:
     """Outcome of one case."""
 
     capillary_number: float
@@ -137,7 +137,7 @@ class Outcome:
         size_ratio: float,
         start: float | str,
         rebuild: Callable[[Mapping[str, Any]], Any],
-    ) -> Outcome | None:
+    ) -> CaseOutcome | None:
         """Return the outcome of a case that has ended before from this start, else None; refuse other settings."""
         # `rebuild` makes a steady state from the values of its fields.
         for name in sorted(store.names(f"{name_of(capillary_number, size_ratio, start)}.*")):
@@ -207,7 +207,7 @@ _PLACES = ((0.1, 0.3), (0.3, 0.8), (0.5, 0.5), (0.7, 0.2), (0.9, 0.7))
 """Ranks of the compared cases: of the sweep among the sweeps, and of the case within its sweep."""
 
 
-def chosen_cases(sweeps: Sequence[Sequence[Outcome]]) -> list[Outcome]:
+def chosen_cases(sweeps: Sequence[Sequence[CaseOutcome]]) -> list[CaseOutcome]:
     """Choose five converged cases spread over sweeps of rising size and Ca, fewer if there are not enough sweeps."""
     converged = [[outcome for outcome in sweep if outcome.done] for sweep in sweeps]
     filled = [sweep for sweep in converged if sweep]
@@ -219,7 +219,7 @@ def chosen_cases(sweeps: Sequence[Sequence[Outcome]]) -> list[Outcome]:
     return [chosen[key] for key in sorted(chosen)]
 
 
-def mesh_error(refinement: int, coarse: Sequence[Outcome], fine: Sequence[Outcome]) -> str:
+def mesh_error(refinement: int, coarse: Sequence[CaseOutcome], fine: Sequence[CaseOutcome]) -> str:
     """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's."""
     rows = [
         {"capillary_number": ours.capillary_number, "size_ratio": ours.size_ratio}
@@ -262,7 +262,7 @@ class SteadySimulator(Protocol):
         """Return the steady state whose fields have these values."""
 
 
-Start = Outcome | Literal["rest", "parachute"]
+Start = CaseOutcome | Literal["rest", "parachute"]
 
 
 class Border(NamedTuple):
@@ -276,7 +276,7 @@ class Border(NamedTuple):
 class Sweep(NamedTuple):
     """Outcomes of one size ratio in rising Ca, and the ends of its branches; none if no case converged."""
 
-    outcomes: list[Outcome]
+    outcomes: list[CaseOutcome]
     borders: list[Border]
 
 
@@ -287,28 +287,28 @@ class CaseRunner:
     simulator: SteadySimulator
     store: Store
     size_ratio: float
-    final: dict[float, Outcome] = field(default_factory=dict)  # the last outcome of each case
+    final: dict[float, CaseOutcome] = field(default_factory=dict)  # the last outcome of each case
 
-    def run(self, capillary_number: float, start: Start) -> Outcome:
+    def run(self, capillary_number: float, start: Start) -> CaseOutcome:
         """Return the outcome of one case; an error of the simulator is an outcome too."""
         origin = start if isinstance(start, str) else start.capillary_number
         outcome = self._stored(capillary_number, origin) or self._computed(capillary_number, start, origin)
         self.final[capillary_number] = outcome
         return outcome
 
-    def skip(self, capillary_number: float, start: Outcome, status: Status) -> None:
+    def skip(self, capillary_number: float, start: CaseOutcome, status: Status) -> None:
         """Give a case a status without running it."""
         origin = start.capillary_number
         outcome = self._stored(capillary_number, origin)
         if outcome is None:
-            outcome = Outcome(capillary_number, self.size_ratio, origin, status)
+            outcome = CaseOutcome(capillary_number, self.size_ratio, origin, status)
             outcome.save(self.store)
         self.final[capillary_number] = outcome
 
-    def _stored(self, capillary_number: float, origin: float | str) -> Outcome | None:
-        return Outcome.find(self.store, capillary_number, self.size_ratio, origin, self.simulator.restored)
+    def _stored(self, capillary_number: float, origin: float | str) -> CaseOutcome | None:
+        return CaseOutcome.find(self.store, capillary_number, self.size_ratio, origin, self.simulator.restored)
 
-    def _computed(self, capillary_number: float, start: Start, origin: float | str) -> Outcome:
+    def _computed(self, capillary_number: float, start: Start, origin: float | str) -> CaseOutcome:
         case = (capillary_number, self.size_ratio, origin)
         try:
             with steps_kept(self.store, name_of(*case)):
@@ -318,10 +318,10 @@ class CaseRunner:
                     start=start if isinstance(start, str) else start.state,
                 )
             kept = state if state.status is Status.DONE else None
-            outcome = Outcome(*case, state.status, variables_of(state), kept)
+            outcome = CaseOutcome(*case, state.status, variables_of(state), kept)
         except Exception as error:  # the other cases go on; this one keeps the reason
             raise_interruption(error)
-            outcome = Outcome(*case, Status.RAISED, message=f"{type(error).__name__}: {error}")
+            outcome = CaseOutcome(*case, Status.RAISED, message=f"{type(error).__name__}: {error}")
         outcome.save(self.store)
         return outcome
 
@@ -337,13 +337,13 @@ def sweep(runner: CaseRunner, capillary_numbers: list[float]) -> Sweep:
     return Sweep([runner.final[ca] for ca in sorted(runner.final)], borders)
 
 
-def _first_converged(runner: CaseRunner, ordered: list[float]) -> Outcome | None:
+def _first_converged(runner: CaseRunner, ordered: list[float]) -> CaseOutcome | None:
     nearest = [min(ordered, key=lambda ca: abs(np.log(ca / tried))) for tried in _FIRST_TRIED]
     candidates = dict.fromkeys([ordered[0], *nearest, *ordered])
     return next((outcome for outcome in (runner.run(ca, "rest") for ca in candidates) if outcome.done), None)
 
 
-def _upward(runner: CaseRunner, first: Outcome, capillary_numbers: list[float]) -> list[Border]:
+def _upward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[float]) -> list[Border]:
     last, convex, lost = first, [first], []
     upper = None
     for position, ca in enumerate(capillary_numbers):
@@ -370,14 +370,14 @@ def _upward(runner: CaseRunner, first: Outcome, capillary_numbers: list[float]) 
     return [*(lost or _snap_through(runner, _confirmed(runner, convex))), end]
 
 
-def _beyond_branch(runner: CaseRunner, capillary_number: float) -> Outcome | None:
+def _beyond_branch(runner: CaseRunner, capillary_number: float) -> CaseOutcome | None:
     """Return the state of a capsule whose branch has ended: the one it reaches from rest, or a parachute."""
     starts: tuple[Start, ...] = ("rest", "parachute")
     outcomes = (runner.run(capillary_number, start) for start in starts)
     return next((outcome for outcome in outcomes if outcome.done), None)
 
 
-def _confirmed(runner: CaseRunner, followed: list[Outcome]) -> list[Outcome]:
+def _confirmed(runner: CaseRunner, followed: list[CaseOutcome]) -> list[CaseOutcome]:
     """Return the cases up to the first parachute, each the one that a capsule reaches from rest."""
     # If the state reached from rest at one Ca is on the branch, so are those at all lower Ca: the search goes downward.
     confirmed = list(followed)
@@ -396,7 +396,7 @@ def _confirmed(runner: CaseRunner, followed: list[Outcome]) -> list[Outcome]:
     return confirmed
 
 
-def _snap_through(runner: CaseRunner, outcomes: list[Outcome]) -> list[Border]:
+def _snap_through(runner: CaseRunner, outcomes: list[CaseOutcome]) -> list[Border]:
     """Enclose the Ca at which a capsule snaps through; no border if the shape changes smoothly."""
     last, beyond = next((pair for pair in pairwise(outcomes) if _has_snapped(*pair)), (None, None))
     if last is None or beyond is None:
@@ -409,23 +409,23 @@ def _snap_through(runner: CaseRunner, outcomes: list[Outcome]) -> list[Border]:
     return [Border(runner.size_ratio, _middle(last, beyond), SNAP_THROUGH)]
 
 
-def _has_snapped(last: Outcome, outcome: Outcome) -> bool:
+def _has_snapped(last: CaseOutcome, outcome: CaseOutcome) -> bool:
     """Return whether a capsule is so much shorter than the last one as a snap-through makes it."""
     return outcome.done and outcome.variables["axial_extent"] < (1.0 - _SNAPPED) * last.variables["axial_extent"]
 
 
-def _is_deep(outcome: Outcome) -> bool:
+def _is_deep(outcome: CaseOutcome) -> bool:
     """Return whether the rear is so concave that the capsule does not snap through any more."""
     return bool(outcome.variables["parachute_depth"] > SHALLOW * outcome.size_ratio)
 
 
-def _limit(outcome: Outcome, last: Outcome) -> float:
+def _limit(outcome: CaseOutcome, last: CaseOutcome) -> float:
     """Return the Ca at which the branch of `last` ended on the way to a case, as far as it is known."""
     limit = float(outcome.variables.get("limit", np.nan))
     return limit if limit > last.capillary_number else last.capillary_number
 
 
-def _approach(runner: CaseRunner, last: Outcome, limit: float) -> None:
+def _approach(runner: CaseRunner, last: CaseOutcome, limit: float) -> None:
     """Run cases between the last converged one and the end of its branch."""
     for share in _BELOW_LIMIT:
         ca = _rounded(share * limit)
@@ -434,7 +434,7 @@ def _approach(runner: CaseRunner, last: Outcome, limit: float) -> None:
             last = outcome if outcome.done else last
 
 
-def _middle(last: Outcome, beyond: Outcome) -> float:
+def _middle(last: CaseOutcome, beyond: CaseOutcome) -> float:
     return _rounded((last.capillary_number * beyond.capillary_number) ** 0.5)
 
 
@@ -442,14 +442,14 @@ def _rounded(capillary_number: float) -> float:
     return float(f"{capillary_number:.4g}")
 
 
-def _skip_above(runner: CaseRunner, last: Outcome, above: Outcome, capillary_numbers: list[float]) -> None:
+def _skip_above(runner: CaseRunner, last: CaseOutcome, above: CaseOutcome, capillary_numbers: list[float]) -> None:
     """Give the cases above a limit its status, if that holds for everything above."""
     holds_above = above.status in (Status.NO_STEADY_STATE, Status.UNRESOLVED)
     for ca in capillary_numbers:
         runner.skip(ca, last, above.status if holds_above else Status.NOT_TRIED)
 
 
-def _downward(runner: CaseRunner, first: Outcome, capillary_numbers: list[float]) -> None:
+def _downward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[float]) -> None:
     last, failures = first, 0
     for ca in capillary_numbers:
         if failures == _FAILURES_DOWNWARD:
@@ -678,7 +678,7 @@ def _compared(
     return mesh_error(refinement, coarse, fine)
 
 
-def _run_again(simulator: SteadySimulator, store: Store, outcome: Outcome) -> Outcome:
+def _run_again(simulator: SteadySimulator, store: Store, outcome: CaseOutcome) -> CaseOutcome:
     """Run the case of `outcome` with another simulator, started from its steady state."""
     with threadpool_limits(limits=1):
         return CaseRunner(simulator, store, outcome.size_ratio).run(outcome.capillary_number, outcome)

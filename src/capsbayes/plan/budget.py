@@ -24,7 +24,7 @@ from capsbayes.infer.quadrature import Quadrature
 from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
-from capsbayes.plan.lab import Draws, Expectation, LabErrors, root_of, settings_of
+from capsbayes.plan.lab import CapsuleDraws, Expectation, LabErrors, root_of, settings_of
 from capsbayes.plan.widths import check_model, width_of
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -361,7 +361,7 @@ def simulated_widths(
 
 
 def _lengths(
-    capsule: Draws, model: ForwardModel, mean_velocity: float, errors: LabErrors, rng: np.random.Generator
+    capsule: CapsuleDraws, model: ForwardModel, mean_velocity: float, errors: LabErrors, rng: np.random.Generator
 ) -> tuple[Floats, float] | None:
     """Draw lengths and velocity as measured; None where the model has no such capsule."""
     shape = model({"capillary_number": capsule.capillary_number(mean_velocity), "size_ratio": capsule.size_ratio})

@@ -16,11 +16,11 @@ from capsbayes.infer.prior import Prior
 from capsbayes.infer.verdict import LEANING_SHARE
 from capsbayes.model import ForwardModel
 from capsbayes.plan.lab import (
-    Borders,
+    CapsuleDraws,
     CaRange,
-    Draws,
     Expectation,
     LabErrors,
+    ModelEnds,
     expected_range,
     flow_rate,
     lab_attributes,
@@ -224,8 +224,8 @@ def check_risk(margin: float, risk: float) -> None:
 def _expected(
     velocity: float,
     table: WidthTable,
-    capsules: Draws,
-    centre: Draws,
+    capsules: CapsuleDraws,
+    centre: CapsuleDraws,
     model: ForwardModel,
     margin: float,
     cross_section: str,
@@ -276,7 +276,7 @@ class WidthTable:
     columns: Floats  # (k,): a/l, rising
     log_ca: Floats  # (k, m): points of each column, from end to end of the model there
     values: dict[str, Floats]  # (k, m): the fields of `Width`
-    borders: Borders
+    borders: ModelEnds
 
     @classmethod
     def of(cls, predictor: WidthPredictor, sizes: Floats, progress: Progress | None = None) -> WidthTable:
@@ -291,7 +291,7 @@ class WidthTable:
             name: np.array([getattr(width, name) for width in widths]).reshape(ca.shape) for name in Width.names()
         }
         sizes = columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS)
-        return cls(columns, np.log(ca), values, Borders.of(model, sizes))
+        return cls(columns, np.log(ca), values, ModelEnds.of(model, sizes))
 
     def at(self, ca: Floats, size: Floats) -> dict[str, Floats]:
         """Interpolate the widths of capsules linearly in log Ca and a/l : (n,) arrays by name."""

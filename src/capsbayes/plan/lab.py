@@ -205,7 +205,7 @@ def flow_rate(mean_velocity: float, half_width: float, cross_section: str) -> fl
 
 
 @dataclass(frozen=True, eq=False)
-class Draws:
+class CapsuleDraws:
     """Independent draws of capsules, of the liquid and of the channel : (n,) arrays, SI."""
 
     surface_shear_modulus: Floats
@@ -256,15 +256,15 @@ class Expectation:
         return all(quantity.known for quantity in self._all.values())
 
     @property
-    def centre(self) -> Draws:
+    def centre(self) -> CapsuleDraws:
         """Capsule with the expected values."""
-        return Draws(**{name: np.array([quantity.value]) for name, quantity in self._all.items()})
+        return CapsuleDraws(**{name: np.array([quantity.value]) for name, quantity in self._all.items()})
 
-    def drawn(self, rng: np.random.Generator, count: int) -> Draws:
+    def drawn(self, rng: np.random.Generator, count: int) -> CapsuleDraws:
         """Draw independently; one draw if all is known."""
         if self.known:
             return self.centre
-        return Draws(**{name: LogGrid.of(quantity).drawn(rng, count) for name, quantity in self._all.items()})
+        return CapsuleDraws(**{name: LogGrid.of(quantity).drawn(rng, count) for name, quantity in self._all.items()})
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return mean and standard deviation of each, SI."""
@@ -272,7 +272,7 @@ class Expectation:
 
     @property
     def _all(self) -> dict[str, Quantity]:
-        return {name: getattr(self, name) for name in Draws.__dataclass_fields__}
+        return {name: getattr(self, name) for name in CapsuleDraws.__dataclass_fields__}
 
 
 # Range of capillary numbers in which a model has shapes of one size
@@ -316,7 +316,7 @@ def expected_range(model: ForwardModel, expectation: Expectation) -> CaRange:
 
 
 @dataclass(frozen=True, eq=False)
-class Borders:
+class ModelEnds:
     """Range of Ca of a model over a/l."""
 
     sizes: Floats  # (b,): a/l, rising
@@ -324,7 +324,7 @@ class Borders:
     highest: Floats
 
     @classmethod
-    def of(cls, model: ForwardModel, sizes: Floats) -> Borders:
+    def of(cls, model: ForwardModel, sizes: Floats) -> ModelEnds:
         """Return those of a model at sizes (b,) that it has."""
         ranges = [range_at(model, float(size)) for size in sizes]
         return cls(sizes, np.array([each.lowest for each in ranges]), np.array([each.highest for each in ranges]))

@@ -14,7 +14,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.model import TWO_SHAPES, ForwardModel
-from capsbayes.plan.lab import Borders, LabErrors, lab_attributes
+from capsbayes.plan.lab import LabErrors, ModelEnds, lab_attributes
 from capsbayes.plan.widths import NOISES, WidthPredictor, check_model
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def over_plane(
     data: dict[str, Any] = {
         name: (_PLANE, values[name], {"units": "-", "long_name": meaning}) for name, meaning in meanings.items()
     }
-    borders = Borders.of(model, size)
+    borders = ModelEnds.of(model, size)
     for end, border in (("lowest", borders.lowest), ("highest", borders.highest)):
         data[end] = "size_ratio", border, {"units": "-", "long_name": f"{end} Ca"}
     places = {

@@ -22,7 +22,15 @@ from capsbayes.infer.shared_membrane import ONE_CAPSULE, capsules_of, step_of_al
 from capsbayes.membrane_database import lowest_ca
 from capsbayes.model import FixedParameters
 from capsbayes.plan.flow import MARGIN, RISK, check_risk
-from capsbayes.plan.lab import Borders, Draws, Expectation, LabErrors, expected_range, flow_rate, lab_attributes
+from capsbayes.plan.lab import (
+    CapsuleDraws,
+    Expectation,
+    LabErrors,
+    ModelEnds,
+    expected_range,
+    flow_rate,
+    lab_attributes,
+)
 from capsbayes.plan.map import WITHIN, Progress, over_plane
 from capsbayes.plan.widths import EACH, EVERY, ExpectedMembrane, WidthPredictor, noise_lattice, prior_widths
 from capsbayes.quantity import Given
@@ -382,14 +390,14 @@ def membrane_at(unknowns: Unknowns, scores: Floats, radius: float) -> dict[str, 
 
 
 def _risks(
-    model: FixedParameters, expectation: Expectation, drawn: Draws, cross_section: str, margin: float
+    model: FixedParameters, expectation: Expectation, drawn: CapsuleDraws, cross_section: str, margin: float
 ) -> tuple[list[FlowRisk], float]:
     """Return the risks over the velocities of the flow, and the probability of a size that the model does not have."""
     first, last = model.domain.bounds[1]
     centre, inside = expectation.centre, (drawn.size_ratio >= first) & (drawn.size_ratio <= last)
     limit = expected_range(model, expectation)
     sizes = drawn.size_ratio[inside]
-    borders = Borders.of(model, np.unique(np.linspace(sizes.min(), sizes.max(), _BORDERS)))
+    borders = ModelEnds.of(model, np.unique(np.linspace(sizes.min(), sizes.max(), _BORDERS)))
     lowest, highest = borders.at(drawn.size_ratio)
     velocities = imposed_velocity(
         viscosity=centre.viscosity,

@@ -52,14 +52,14 @@ def along_coordinates(values: Floats, along: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class StateCoordinates:
     """Coordinates about the middle (6,) of a set of states, scaled (6,) so that one counts as much as another."""
 
     middle: Floats
     scale: Floats
 
     @classmethod
-    def of(cls, values: Floats) -> Frame:
+    def of(cls, values: Floats) -> StateCoordinates:
         """Return that of states with parameters (n, 6)."""
         raw = coordinates(values)
         return cls(raw.mean(axis=0), _COUNTS * raw.std(axis=0))
@@ -368,7 +368,7 @@ _PLAIN = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
 class MembraneDomain(Domain):
     """Points that enough polynomials reach, and that are nearer to a state than to a lost one."""
 
-    frame: Frame
+    frame: StateCoordinates
     fits: LocalFits
     cross_section: str
 
@@ -460,7 +460,7 @@ class MembraneSurrogate(DatabaseModel):
         }
         self.stored_coefficients = states[kind]  # (states, k) [l]: of the modes of each stored outline
         self.mode_shapes, self._mean = states[f"{kind}_modes"], states[f"{kind}_mean"]  # (k, p, 2), (p, 2) [l]
-        self._frame = Frame.of(states["values"])
+        self._frame = StateCoordinates.of(states["values"])
         numbers = np.concatenate([states["numbers"], self.stored_coefficients], axis=1)
         along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
         places, slopes = self._frame.points(states["values"]), self._frame.slopes(states["values"], along)

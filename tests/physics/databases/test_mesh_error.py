@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from analytic_simulator import CASES, AnalyticSimulator
 
-from capsbayes.physics.build import Outcome, build_database, chosen_cases, mesh_error
+from capsbayes.physics.build import CaseOutcome, build_database, chosen_cases, mesh_error
 from capsbayes.status import Status
 
 
@@ -22,7 +22,7 @@ class MeshedSimulator(AnalyticSimulator):
 
 
 def outcome(ca, size, status=Status.DONE, **values):
-    return Outcome(ca, size, "rest", status, values)
+    return CaseOutcome(ca, size, "rest", status, values)
 
 
 def test_five_converged_cases_of_different_columns_are_chosen():

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from capsbayes.physics.build import Outcome, count_ended, variables_of
+from capsbayes.physics.build import CaseOutcome, count_ended, variables_of
 from capsbayes.physics.simulator import Simulator
 from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.run import Store
@@ -17,8 +17,8 @@ CASE = (0.05, 0.8)
 def test_a_steady_state_comes_back_to_the_last_bit_and_starts_its_neighbour(tmp_path):
     store = Store.open(tmp_path, SIMULATOR.settings)
     state = SIMULATOR.run(capillary_number=CASE[0], size_ratio=CASE[1])
-    Outcome(*CASE, "rest", state.status, variables_of(state), state).save(store)
-    again = Outcome.find(store, *CASE, "rest", SIMULATOR.restored)
+    CaseOutcome(*CASE, "rest", state.status, variables_of(state), state).save(store)
+    again = CaseOutcome.find(store, *CASE, "rest", SIMULATOR.restored)
     assert again.done
     for name, value in variables_of(state).items():
         np.testing.assert_array_equal(again.variables[name], value)
@@ -33,9 +33,9 @@ def test_a_steady_state_comes_back_to_the_last_bit_and_starts_its_neighbour(tmp_
 def test_cases_that_ended_are_counted_and_other_starts_are_other_outcomes(tmp_path):
     store = Store.open(tmp_path, {})
     for status in (Status.NO_STEADY_STATE, Status.DONE):
-        Outcome(*CASE, "rest", status, {"slack": 0.0}).save(store)
-    Outcome(0.06, 0.8, 0.05, Status.RAISED, message="no inverse").save(store)
+        CaseOutcome(*CASE, "rest", status, {"slack": 0.0}).save(store)
+    CaseOutcome(0.06, 0.8, 0.05, Status.RAISED, message="no inverse").save(store)
     assert count_ended(store, [CASE, (0.06, 0.8), (0.07, 0.8)]) == (2, 1)
-    assert Outcome.find(store, 0.06, 0.8, "rest", dict) is None
-    raised = Outcome.find(store, 0.06, 0.8, 0.05, dict)
+    assert CaseOutcome.find(store, 0.06, 0.8, "rest", dict) is None
+    raised = CaseOutcome.find(store, 0.06, 0.8, 0.05, dict)
     assert (raised.status, raised.message, raised.state) == (Status.RAISED, "no inverse", None)
