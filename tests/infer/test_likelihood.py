@@ -13,6 +13,8 @@ from capsbayes.infer.likelihood import (
     feature_in_cells,
     given_flow,
     p_value,
+    p_values_of_lengths,
+    resolution,
     sd_in_cells,
 )
 from capsbayes.measurement import Measurement
@@ -148,3 +150,22 @@ def test_steps_across_a_border_lead_half_a_standard_deviation_along_the_principa
 
 def test_one_quantity_steps_half_a_standard_deviation_to_either_side():
     np.testing.assert_allclose(border_steps(np.array([[9.0]])), [[1.5], [-1.5]])
+
+
+def test_the_length_is_predicted_by_the_shapes_that_have_the_extent():
+    """Two shapes whose L_z are both as measured, the second half as surely: it counts half for L_a."""
+    zero, one = np.zeros(2), np.ones(2)
+    of_extent, of_length = p_values_of_lengths(one, zero, np.array([2.0, 0.0]), np.array([1.0, 4.0]), zero, one)
+    assert of_extent == pytest.approx(1.0)
+    tail = stats.norm.sf(2.0)
+    assert of_length == pytest.approx(2.0 * (2.0 / 3.0 * tail + 1.0 / 3.0 * 0.5), rel=1e-9)
+
+
+def test_the_resolution_of_planes_is_that_along_either_axis():
+    i, j = np.arange(41) - 20.0, np.arange(61) - 30.0
+    plane = np.exp(-0.5 * (i[:, None] / 3.0) ** 2) * np.exp(-0.5 * (j / 5.0) ** 2)
+    apart = np.roll(plane, 4, axis=1)
+    rows, columns = resolution(np.stack([plane, 3.0 * apart, plane]))
+    np.testing.assert_allclose(rows, [3.0, 3.0], rtol=0.02)
+    assert columns[0] == pytest.approx(np.sqrt(5.0**2 + 0.24 * 4.0**2), rel=0.02)
+    assert columns[2] == pytest.approx(5.0, rel=0.02)
