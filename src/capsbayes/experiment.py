@@ -185,13 +185,37 @@ _STEP_OF_SHARE = 1e-5  # of central differences
 
 
 def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
-    """Return the viscosity of a mixture of water and a mass fraction of glycerol with its standard error [Pa s].
+    """Return the viscosity of a mixture of water and glycerol with its standard error.
 
+    The errors of mass fraction and temperature are carried through the formula to first order, and added to its own
+    error `FORMULA_ERROR`.
+
+    Parameters
+    ----------
+    mass_fraction : Quantity [-]
+        Mass of glycerol over that of the mixture, from 0 to 1.
+    temperature : Quantity
+        From 0 to 100 degrees Celsius, as ``"23.0 degC"`` or ``"296.15 K"``; in degrees Celsius without a unit.
+
+    Returns
+    -------
+    Quantity [Pa s]
+
+    Raises
+    ------
+    InputError
+        If either is no number, or lies out of the range of the formula.
+
+    References
+    ----------
+    Cheng 2008, Ind. Eng. Chem. Res. 47, 3285, https://doi.org/10.1021/ie071349z.
+
+    Examples
+    --------
     >>> viscosity = water_glycerol("0.98 +/- 0.002", "23.0 +/- 0.5 degC")
     >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
     '0.71 +/- 0.05 Pa s'
     """
-    # The errors of mass fraction and temperature are carried through the formula to first order, and added to its own.
     share = _within(mass_fraction, "mass_fraction", (0.0, 1.0), "0.98 +/- 0.002")
     degrees = _celsius(temperature, _TEMPERATURES)
     inside = min(max(share.value, _STEP_OF_SHARE), 1.0 - _STEP_OF_SHARE)
@@ -203,14 +227,37 @@ def water_glycerol(mass_fraction: Given, temperature: Given) -> Quantity:
 
 
 def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given) -> Quantity:
-    """Return the viscosity of a dimethyl silicone oil of a kinematic viscosity and density at 25 degrees C [Pa s].
+    """Return the viscosity of a dimethyl silicone oil with its standard error.
 
+    Parameters
+    ----------
+    kinematic_viscosity : Quantity [m^2/s]
+        At 25 degrees C, as its bottle states it; from 100 to 1,000,000 mm^2/s.
+    density : Quantity [kg/m^3]
+        At 25 degrees C.
+    temperature : Quantity
+        As of `water_glycerol`, from 0 to 100 degrees Celsius.
+
+    Returns
+    -------
+    Quantity [Pa s]
+
+    Raises
+    ------
+    InputError
+        If one is no number, or lies out of the range of the formula.
+
+    References
+    ----------
+    Shin-Etsu, Silicone fluid KF-96, performance test results: log10 nu = log10 nu_25 + 763.1 / (273 + t) - 2.559, and
+    a density that falls by 0.095 % a degree.
+
+    Examples
+    --------
     >>> viscosity = silicone_oil("1000 +/- 20 mm^2/s", "970 +/- 2 kg/m^3", "21.0 +/- 0.5 degC")
     >>> f"{viscosity.value:.2f} +/- {viscosity.error:.2f} {viscosity.unit}"
     '1.06 +/- 0.04 Pa s'
     """
-    # Shin-Etsu, Silicone fluid KF-96, performance test results: log10 nu = log10 nu_25 + 763.1 / (273 + t) - 2.559, and
-    # a density that falls by 0.095 % a degree.
     stated = _of_unit(kinematic_viscosity, "kinematic_viscosity", "m^2/s", "1000 +/- 20 mm^2/s")
     if not _OILS[0] < stated.value < _OILS[1]:
         raise InputError(_HERE, "kinematic_viscosity", "from 100 to 1,000,000 mm^2/s", str(stated))
@@ -228,15 +275,42 @@ def silicone_oil(kinematic_viscosity: Given, density: Given, temperature: Given)
 
 
 def methylcellulose(medium: str, temperature: Given, flow_rate: Given, half_width: Given) -> Quantity:
-    """Return the viscosity of methylcellulose in saline at the shear rate of the wall of a square channel [Pa s].
+    """Return the viscosity of methylcellulose in saline at the shear rate of the wall of a square channel.
 
+    At shear rates beyond `SHEAR_RATES` by up to a factor of two the error is wider by the change of the viscosity from
+    the nearest of them.
+
+    Parameters
+    ----------
+    medium : str
+        Mass of methylcellulose, one of `MEDIA`.
+    temperature : Quantity
+        As of `water_glycerol`, from 22 to 37 degrees Celsius.
+    flow_rate : Quantity [m^3/s]
+        Of the liquid in the channel.
+    half_width : Quantity [m]
+        Of the channel.
+
+    Returns
+    -------
+    Quantity [Pa s]
+
+    Raises
+    ------
+    InputError
+        If one is no number, or out of the range of the formula, or the shear rate is far beyond `SHEAR_RATES`.
+
+    References
+    ----------
+    Büyükurganci et al. 2023, Soft Matter 19, 1739: mu = K rate^(n - 1), K = a exp(3379.7 K / T), n = 0.00223 T / K +
+    beta. Herold 2017, arXiv:1704.00572, eq. 5.2: the rate at the wall, 8 Q / w^3 (0.6671 + 0.2121 / n).
+
+    Examples
+    --------
     >>> viscosity = methylcellulose("0.49%", "23.0 +/- 0.5 degC", "0.16 +/- 0.002 uL/s", "10.0 +/- 0.1 um")
     >>> f"{1e3 * viscosity.value:.2f} +/- {1e3 * viscosity.error:.2f} mPa s"
     '3.33 +/- 0.41 mPa s'
     """
-    # Büyükurganci et al. 2023, Soft Matter 19, 1739: mu = K rate^(n - 1), K = a exp(3379.7 K / T), n = 0.00223 T / K +
-    # beta. Herold 2017, arXiv:1704.00572, eq. 5.2: the rate at the wall, 8 Q / w^3 (0.6671 + 0.2121 / n). Beyond
-    # `SHEAR_RATES` the error is wider by the change of the viscosity from the nearest of them.
     if medium not in MEDIA:
         raise InputError(_HERE, "medium", f"one of {', '.join(MEDIA)}", medium)
     degrees = _celsius(temperature, _MEDIA_TEMPERATURES)
@@ -391,9 +465,8 @@ class Experiment(Readable):
         if len(given) != 1:
             expected = "one of the two: viscous_tension is mu U, for when mu and U are not known"
             raise InputError(where, ", ".join(_FLUID), expected, "both" if given else "neither")
-        for key in ("half_width", *given, *_OPTIONAL):
-            if key not in _OPTIONAL or getattr(self, key) is not None:
-                settle(self, **{key: Quantity.of(getattr(self, key), key, where=where)})
+        stated = [*given, *(key for key in _OPTIONAL if getattr(self, key) is not None)]
+        settle(self, **{key: Quantity.of(getattr(self, key), key, where=where) for key in ("half_width", *stated)})
 
     @classmethod
     def read(cls, path: str | Path) -> Experiment:

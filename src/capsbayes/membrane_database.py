@@ -106,11 +106,10 @@ class MembraneDatabase(StoredStates):
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file whole or not at all."""
-        names = [name for name in _DIMENSIONS | _OF_TENSION if name in self.dataset]
         packed = {"zlib": True, "complevel": 9, "shuffle": True, "_FillValue": None}
         encoding: dict[str, dict[str, Any]] = {
             name: {**(packed if self.dataset[name].ndim > 1 and self.dataset[name].size else {"_FillValue": None})}
-            for name in names
+            for name in _dimensions_of(self.dataset)
         }
         for name in _SINGLE:
             encoding[name]["dtype"] = "f4"
@@ -134,10 +133,8 @@ class MembraneDatabase(StoredStates):
 
     @staticmethod
     def _check(dataset: xr.Dataset, where: str) -> None:
-        for name, dims in (_DIMENSIONS | _OF_TENSION).items():
+        for name, dims in _dimensions_of(dataset).items():
             if name not in dataset.variables:
-                if name in _OF_TENSION:
-                    continue
                 raise DatabaseError(f"{where}: variable {name} is missing")
             if dataset[name].dims != dims:
                 raise DatabaseError(f"{where}: {name}: expected dimensions {dims}, got {dataset[name].dims}")
@@ -147,3 +144,8 @@ class MembraneDatabase(StoredStates):
         if found != FREE_PARAMETERS:
             expected = ", ".join(FREE_PARAMETERS)
             raise DatabaseError(f"{where}: parameter: expected {expected}, got {', '.join(found) or 'none'}")
+
+
+def _dimensions_of(dataset: xr.Dataset) -> dict[str, tuple[str, ...]]:
+    """Return the variables that a dataset must have and those that it may have and has, with their dimensions."""
+    return _DIMENSIONS | {name: dims for name, dims in _OF_TENSION.items() if name in dataset}

@@ -474,8 +474,7 @@ class Membrane:
         known = {law.lower(): law for law in LAWS}
         if not isinstance(self.law, str) or self.law.lower() not in known:
             raise InputError(self.source, "law", f"one of {', '.join(LAWS)}", repr(self.law))
-        settle(self, law=known[self.law.lower()])
-        settle(self, **{name: self._read(name) for name in KEYS})
+        settle(self, law=known[self.law.lower()], **{name: self._read(name) for name in KEYS})
         self._check()
 
     @classmethod

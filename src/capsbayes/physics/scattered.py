@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -289,15 +289,12 @@ def _grown(
     """Compute the states at some places, each from the nearest one before it."""
     states: list[ScatteredState] = [root]
     found: list[ScatteredState | None] = [None] * len(places)
-    with threadpool_limits(limits=1):
-        for number in from_near_to_far(root.place, places):
-            place, name = places[number], _name(places[number])
-            if not store.holds(name):
-                near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
-                _save(store, name, continuation.reached(near, place))
-            state = found[number] = _stored(store, name)
-            if state is not None:
-                states.append(state)
+    for number in from_near_to_far(root.place, places):
+        place = places[number]
+        near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
+        state = found[number] = _from_near(continuation, store, _name(place), near, place)
+        if state is not None:
+            states.append(state)
     return found
 
 
@@ -305,10 +302,13 @@ def _tried_again(
     continuation: Continuation, store: Store, near: ScatteredState, place: Floats
 ) -> ScatteredState | None:
     name = f"again-{digest_of(place, near.place)[:24]}"
-    if not store.holds(name):
-        with threadpool_limits(limits=1):
-            _save(store, name, continuation.reached(near, place))
-    return _stored(store, name)
+    return _from_near(continuation, store, name, near, place)
+
+
+def _from_near(
+    continuation: Continuation, store: Store, name: str, near: ScatteredState, place: Floats
+) -> ScatteredState | None:
+    return _kept(store, name, lambda: continuation.reached(near, place))
 
 
 def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
@@ -324,6 +324,14 @@ def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
 
 def _name(place: Floats) -> str:
     return f"state-{digest_of(place)[:24]}"
+
+
+def _kept(store: Store, name: str, compute: Callable[[], ScatteredState | None]) -> ScatteredState | None:
+    """Return a state of the store, computed and saved first if it is not there."""
+    if not store.holds(name):
+        with threadpool_limits(limits=1):
+            _save(store, name, compute())
+    return _stored(store, name)
 
 
 def _save(store: Store, name: str, state: ScatteredState | None) -> None:
@@ -468,22 +476,20 @@ def refined_states(
     # One that is not reached from its coarse shape is tried again from the nearest of the fine states.
     store = Store.open(folder, continuation.settings)
     places = continuation.places(database["values"])
-    tasks = [partial(_refined, continuation, store, database, number) for number in range(len(places))]
+    tasks = [partial(_refined, number, place) for number, place in enumerate(places)]
     bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
     with only_run(Path(folder)), keeping(Path(folder)), bar:
-        states = run_tasks(tasks, scheduler, workers)
+        states = run_tasks(tasks, scheduler, workers, continuation, store, database)
         return _lost_ones_again(continuation, store, places, states, scheduler, workers)
 
 
 def _refined(
-    continuation: Continuation, store: Store, database: MembraneDatabase, number: int
+    number: int, place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
 ) -> ScatteredState | None:
-    guess = guess_of(database, continuation, number)
-    name = _name(guess.place)
-    if not store.holds(name):
-        with threadpool_limits(limits=1):
-            _save(store, name, continuation.corrected(guess, iterations=_REFINING))
-    return _stored(store, name)
+    def compute() -> ScatteredState | None:
+        return continuation.corrected(guess_of(database, continuation, number), iterations=_REFINING)
+
+    return _kept(store, _name(place), compute)
 
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
