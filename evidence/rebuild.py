@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -26,10 +27,13 @@ from capsbayes.physics.continuation import SLACK_LIMIT
 from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, NeoHookean, Skalak, StrainHardening
 from capsbayes.physics.scattered import (
     Continuation,
+    ScatteredState,
     membrane_continuation,
+    refined_states,
     scattered_dataset,
     scattered_states,
     sobol_places,
+    with_mesh_errors,
 )
 from capsbayes.physics.simulator import Simulator, UnsteadySimulator
 from capsbayes.status import Status
@@ -114,17 +118,18 @@ def recipe_named(name: str) -> Recipe:
 
 
 class MembraneRecipe(NamedTuple):
-    """A cross-section, how many places are sought within the range and on its border, and the mesh."""
+    """A cross-section, how many places are sought within the range and on its border, and the meshes."""
 
     cross_section: str
     states: int
     border_states: int
-    refinement: int = 8
+    refinement: int = 12
+    coarse: int = 8  # refinement of the mesh on which states are sought
 
 
 MEMBRANES = {
     "membrane-square": MembraneRecipe("square", 2048, 1024),
-    "membrane-circular": MembraneRecipe("circular", 1024, 512),
+    "membrane-circular": MembraneRecipe("circular", 512, 0),
 }
 """Recipes of the shipped databases over the membrane, by their names."""
 
@@ -157,17 +162,27 @@ def membrane_places(continuation: Continuation, points: Floats) -> Floats:
 def build_membranes(
     recipe: MembraneRecipe, *, out: Path, scheduler: str | None = None, workers: int | None = None
 ) -> MembraneDatabase:
-    """Simulate a database over flow and membrane; finished states are kept in ``OUT.parts``."""
-    # States that the mesh does not resolve count as lost.
+    """Simulate a database over flow and membrane; finished states are kept in ``OUT.*parts``."""
+    # They are sought on the coarse mesh, and then found again on the fine one. Those that a mesh does not resolve count
+    # as lost.
     check_replaceable(out)
-    continuation = membrane_continuation(recipe.cross_section, recipe.refinement)
+    continuation = membrane_continuation(recipe.cross_section, recipe.coarse)
     places = membrane_places(continuation, spread_points(recipe.states, recipe.border_states))
     start = continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))  # a parachute
-    found = scattered_states(continuation, start, places, folder=f"{out}.parts", scheduler=scheduler, workers=workers)
-    resolved = [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in found]
-    database = MembraneDatabase.of(scattered_dataset(continuation, places, resolved))
+    folder = f"{out}.coarse.parts"
+    sought = scattered_states(continuation, start, places, folder=folder, scheduler=scheduler, workers=workers)
+    coarse = MembraneDatabase.of(scattered_dataset(continuation, places, resolved(sought)))
+    continuation = membrane_continuation(recipe.cross_section, recipe.refinement)
+    fine = refined_states(coarse, continuation, folder=f"{out}.parts", scheduler=scheduler, workers=workers)
+    dataset = scattered_dataset(continuation, continuation.places(coarse["values"]), resolved(fine))
+    database = MembraneDatabase.of(with_mesh_errors(dataset, coarse))
     database.write(out)
     return database
+
+
+def resolved(states: Sequence[ScatteredState | None]) -> list[ScatteredState | None]:
+    """Return the states, None for those that the mesh does not resolve."""
+    return [None if state is None or abs(state.slack) > SLACK_LIMIT else state for state in states]
 
 
 def rebuild(given: argparse.Namespace) -> int:

@@ -71,6 +71,9 @@ VARIABLES: dict[str, Variable] = {
     "effect_value": Variable(_CASE, "f", "e", "1", "value of the parameter named by the attribute effect"),
     **_quantities("axial_extent", "axial_length", "parachute_depth", "perimeter", "stretch_ratio", "velocity_ratio"),
     **_quantities("inner_pressure", "extra_pressure_drop", "residual", "slack", "minimum_tension", "wrinkling_rate"),
+    **_quantities("maximum_tension"),
+    "minimum_tension_place": Variable(("case", "axis"), "f", "x_min", "l", "where the smallest principal tension lies"),
+    "maximum_tension_place": Variable(("case", "axis"), "f", "x_max", "l", "where the largest principal tension lies"),
     **_quantities("iterations", "refinement", kind="i"),
     "status": Variable(_CASE, "U", "status", "1", "why the computation ended, a name of capsbayes.Status"),
     "nodes": Variable(("case", "node", "axis"), "f", "x", "l", "nodes of the symmetry wedge"),
@@ -83,7 +86,10 @@ VARIABLES: dict[str, Variable] = {
     "axis": Variable(("axis",), "U", "axis", "1", "coordinate of a node"),
     "plane": Variable(("plane",), "U", "plane", "1", "coordinate of an outline's point"),
 }
-"""Every variable a file must hold."""
+"""Every variable of a file."""
+
+OPTIONAL = ("maximum_tension", "minimum_tension_place", "maximum_tension_place")
+"""Those that files of earlier versions do not hold."""
 
 ATTRIBUTES = (
     *("title", "source", "law", "cross_section", "bending", "pre_inflation", "effect", "null_value"),
@@ -181,7 +187,7 @@ class Database(StoredStates):
     Parameters
     ----------
     dataset : xarray.Dataset
-        Contains every variable of `VARIABLES`. `assemble` makes a database
+        Contains the variables of `VARIABLES`. `assemble` makes a database
         from arrays; `read` and `open` read a file.
     """
 
@@ -194,7 +200,8 @@ class Database(StoredStates):
         Parameters
         ----------
         variables : mapping of str to array
-            An array for each of `VARIABLES` except the coordinates, with the shape and unit stated there.
+            An array for each of `VARIABLES` except the coordinates and perhaps the `OPTIONAL` ones, with the shape and
+            unit stated there.
         attributes : mapping of str to str or number
             A value for each of `ATTRIBUTES` except ``sha256``.
 
@@ -229,7 +236,7 @@ class Database(StoredStates):
             File to write. An existing one is replaced only when the new one is complete.
         """
         encoding: dict[str, dict[str, Any]] = {}
-        for name, variable in VARIABLES.items():
+        for name, variable in _held(self.dataset):
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
             if len(variable.dims) > 1 and self.dataset[name].size:
                 encoding[name] |= {"zlib": True, "complevel": 9, "shuffle": True}
@@ -302,7 +309,7 @@ class Database(StoredStates):
 
     @staticmethod
     def _check(dataset: xr.Dataset, where: str) -> None:
-        for name, variable in VARIABLES.items():
+        for name, variable in _held(dataset):
             if name not in dataset.variables:
                 raise DatabaseError(f"{where}: variable {name} is missing")
             found = dataset[name]
@@ -316,6 +323,11 @@ class Database(StoredStates):
         unknown = sorted(set(map(str, dataset["status"].values)) - set(Status.__members__))
         if unknown:
             raise DatabaseError(f"{where}: status: expected names of capsbayes.Status, got {', '.join(unknown)}")
+
+
+def _held(dataset: xr.Dataset) -> list[tuple[str, Variable]]:
+    """Return the variables that a dataset must hold, and those that it may hold and does."""
+    return [(name, kind) for name, kind in VARIABLES.items() if name in dataset.variables or name not in OPTIONAL]
 
 
 def read_dataset(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -60,8 +60,22 @@ _OF_TENSION = {
     "tension": ("state", "extreme"),
     "tension_along": ("state", "extreme", "parameter"),
     "tension_place": ("state", "extreme", "axis"),
-}  # states of the first edition have none
-_SINGLE = ("profile_along", "silhouette_along", "profile_modes", "silhouette_modes", "mesh_modes", "mesh")
+}
+_OF_THE_MESH = {
+    "numbers_mesh_error": ("state", "number"),
+    "profile_mesh_error": ("state", "profile_mode"),
+    "silhouette_mesh_error": ("state", "silhouette_mode"),
+}
+_OPTIONAL = _OF_TENSION | _OF_THE_MESH  # states of the first edition have none
+_SINGLE = (
+    "profile_along",
+    "silhouette_along",
+    "profile_modes",
+    "silhouette_modes",
+    "mesh_modes",
+    "mesh",
+    *_OF_THE_MESH,
+)
 
 
 def highest_ca(size_ratio: ArrayLike, strain_hardening: ArrayLike, cross_section: str = "square") -> Floats:
@@ -100,7 +114,9 @@ class MembraneDatabase(StoredStates):
     @classmethod
     def of(cls, dataset: xr.Dataset) -> MembraneDatabase:
         """Check a dataset, round what single precision holds well enough, and note its hash."""
-        slim = dataset.assign({name: dataset[name].astype(np.float32).astype(np.float64) for name in _SINGLE})
+        slim = dataset.assign(
+            {name: dataset[name].astype(np.float32).astype(np.float64) for name in _SINGLE if name in dataset}
+        )
         cls._check(slim, "database")
         return cls(slim.assign_attrs(sha256=content_hash(slim)))
 
@@ -111,7 +127,7 @@ class MembraneDatabase(StoredStates):
             name: {**(packed if self.dataset[name].ndim > 1 and self.dataset[name].size else {"_FillValue": None})}
             for name in _dimensions_of(self.dataset)
         }
-        for name in _SINGLE:
+        for name in encoding.keys() & set(_SINGLE):
             encoding[name]["dtype"] = "f4"
         write_dataset(path, self.dataset, encoding)
 
@@ -125,6 +141,11 @@ class MembraneDatabase(StoredStates):
     def as_dict(self) -> dict[str, Any]:
         """Return the hash, and the numbers of states and of places where none was reached, ready for JSON."""
         return {"sha256": self.sha256, "states": len(self), "lost": int(self.dataset.sizes["lost_state"])}
+
+    @property
+    def has_mesh_error(self) -> bool:
+        """Whether the states have the error of their mesh."""
+        return "numbers_mesh_error" in self.dataset
 
     @property
     def cross_section(self) -> str:
@@ -148,4 +169,4 @@ class MembraneDatabase(StoredStates):
 
 def _dimensions_of(dataset: xr.Dataset) -> dict[str, tuple[str, ...]]:
     """Return the variables that a dataset must have and those that it may have and has, with their dimensions."""
-    return _DIMENSIONS | {name: dims for name, dims in _OF_TENSION.items() if name in dataset}
+    return _DIMENSIONS | {name: dims for name, dims in _OPTIONAL.items() if name in dataset}

@@ -126,6 +126,7 @@ _TABLE = (
     ("inner_pressure", "p_in", r"p_\mathrm{in}", "mu U/l", "pressure of the inner liquid"),
     ("extra_pressure_drop", "dP+", r"\Delta P^+", "mu U/l", "pressure drop added by the capsule"),
     ("minimum_tension", "tau_min", r"\tau_\mathrm{min}", "G_s", "smallest principal tension of the membrane"),
+    ("maximum_tension", "tau_max", r"\tau_\mathrm{max}", "G_s", "largest principal tension of the membrane"),
     ("wrinkling_rate", "sigma", r"\sigma", "U/l", "growth rate of wrinkles about the axis, where checked"),
     # of the picture, and of what the flow does to the channel
     ("halo", "delta", r"\delta", "m", "distance by which all detected edges lie too far out"),

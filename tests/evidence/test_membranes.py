@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from capsbayes.errors import InputError
 from capsbayes.membrane_database import MembraneDatabase, covered
-from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states
+from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states, with_mesh_errors
 from evidence.rebuild import MembraneRecipe, build_membranes, membrane_places, spread_points
 
 
@@ -28,7 +29,8 @@ def test_border_points_follow_the_others_and_reach_every_face():
 @pytest.mark.parametrize("cross_section", ["square", "circular"])
 def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stored(cross_section):
     """Found again from the stored shape, and again a step away."""
-    shipped, continuation = MembraneDatabase.open(cross_section), membrane_continuation(cross_section)
+    shipped = MembraneDatabase.open(cross_section)
+    continuation = membrane_continuation(cross_section, shipped.settings["refinement"])
     chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
     values = shipped["values"][chosen]
     place = continuation.places(values[None])[0]
@@ -61,10 +63,24 @@ def test_a_shipped_state_is_found_again_on_a_finer_mesh_and_kept(tmp_path):
     assert len(list((tmp_path / "parts").glob("*.part"))) == 1
 
 
+def test_the_error_of_a_mesh_is_a_share_of_the_change_from_a_coarser_one():
+    fine = MembraneDatabase.open("circular").taken(np.arange(20)).dataset
+    moved = fine.assign(numbers=fine["numbers"] - 0.01, silhouette_mean=fine["silhouette_mean"] + [0.02, 0.0])
+    dataset = with_mesh_errors(fine, MembraneDatabase(moved.isel(state=slice(None, None, -1))))
+    np.testing.assert_allclose(dataset["numbers_mesh_error"], 0.0025, rtol=1e-9)
+    np.testing.assert_allclose(dataset["profile_mesh_error"], 0.0, atol=1e-7)
+    seen = np.einsum("nm,mpi->npi", dataset["silhouette_mesh_error"], fine["silhouette_modes"])
+    assert np.mean(seen, axis=(0, 1)) == pytest.approx([-0.005, 0.0], abs=1e-4)
+    with pytest.raises(InputError, match="none for 5"):
+        with_mesh_errors(fine, MembraneDatabase(moved.isel(state=slice(5, None))))
+
+
 @pytest.mark.slow
 def test_a_small_one_is_built_and_read(tmp_path):
-    few = MembraneRecipe("square", 2, 1, refinement=5)
+    few = MembraneRecipe("square", 2, 1, refinement=5, coarse=4)
     built = build_membranes(few, out=tmp_path / "few.nc", scheduler="synchronous")
     again = MembraneDatabase.open(tmp_path / "few.nc")
     assert again.sha256 == built.sha256
     assert built.as_dict()["states"] + built.as_dict()["lost"] == 3
+    assert built.settings["refinement"] == 5
+    assert np.all(np.any(built["profile_mesh_error"] != 0.0, axis=1))

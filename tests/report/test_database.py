@@ -27,7 +27,7 @@ NAMES = ("capillary_number", "size_ratio", "velocity_ratio")
 
 
 def variables_of(database):
-    return {name: database[name] for name in VARIABLES if name not in ("axis", "plane")}
+    return {name: database[name] for name in VARIABLES.keys() & database.dataset.keys()}
 
 
 @pytest.fixture(scope="module")

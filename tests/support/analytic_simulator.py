@@ -46,6 +46,10 @@ class AnalyticState:
         return Profile.from_half(np.stack([self.size_ratio * z, self.size_ratio * np.sin(angle)], axis=1))
 
     @property
+    def surface_nodes(self):
+        return self.nodes
+
+    @property
     def silhouette(self):
         return self.profile.scaled(1.01)
 

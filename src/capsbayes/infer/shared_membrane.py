@@ -65,7 +65,6 @@ from capsbayes.readable import Readable
 from capsbayes.run import digest_of, keeping_steps, run_tasks, step_task
 from capsbayes.status import Status
 from capsbayes.surrogate import MembraneSurrogate
-from capsbayes.surrogate.membrane import OF_THE_MESH
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -138,7 +137,7 @@ def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
     """Return the variance of some membranes : (d,) array."""
     model, rows = capsules.model, capsules.batch.rows
     theta = model.theta(membranes, own)
-    covariances = np.nan_to_num(model(theta).covariances, copy=False) / OF_THE_MESH
+    covariances = np.nan_to_num(model(theta).covariances, copy=False) / model.mesh_factor
     covariances = covariances.reshape(*own.shape[:2], *covariances.shape[1:])
     steps = np.diag(OWN_STEPS[: own.shape[2]])
     _, slopes = model.with_slopes(theta, [model.theta(membranes, own + step) for step in steps])

@@ -160,7 +160,7 @@ def variables_of(state: Any) -> dict[str, Any]:
     }
     if state.status is not Status.DONE:
         return row
-    profile = state.profile
+    profile, tensions, places = state.profile, state.principal_tensions, state.surface_nodes
     return row | {
         "axial_extent": profile.axial_extent,
         "axial_length": profile.axial_length,
@@ -171,7 +171,10 @@ def variables_of(state: Any) -> dict[str, Any]:
         "inner_pressure": float(state.inner_pressure),
         "extra_pressure_drop": float(state.extra_pressure_drop),
         "wrinkling_rate": float(state.wrinkling_rate),
-        "minimum_tension": float(np.min(state.principal_tensions)),
+        "minimum_tension": float(np.min(tensions)),
+        "maximum_tension": float(np.max(tensions)),
+        "minimum_tension_place": places[np.argmin(tensions[:, 1])],
+        "maximum_tension_place": places[np.argmax(tensions[:, 0])],
         "nodes": np.array(state.nodes, dtype=float),
         "profile": np.array(profile.resampled(OUTLINE_POINTS).points),
         "silhouette": np.array(state.silhouette.resampled(OUTLINE_POINTS).points),
@@ -463,7 +466,8 @@ def _downward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[fl
 # Gather the outcomes of sweeps in one database with its pedigree
 
 _OUTLINE = (OUTLINE_POINTS, 2)
-_SHAPES: dict[str, tuple[int, ...]] = {"nodes": (0, 3), "profile": _OUTLINE, "silhouette": _OUTLINE}
+_PLACE = {"minimum_tension_place": (3,), "maximum_tension_place": (3,)}
+_SHAPES: dict[str, tuple[int, ...]] = {"nodes": (0, 3), "profile": _OUTLINE, "silhouette": _OUTLINE, **_PLACE}
 
 
 def gathered(

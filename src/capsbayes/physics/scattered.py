@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
@@ -47,6 +48,7 @@ _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
 _ITERATIONS, _PATIENCE = 8, 4
 _OMITTED = 1e-4  # [l] rms of the coordinates, in modes that are left out
+_SAME = 1e-9  # distance of parameters over their ranges, within which states are the same
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
 
 NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
@@ -398,6 +400,29 @@ def scattered_dataset(
     names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
     names |= {"extreme": list(TENSIONS), "axis": ["x", "y", "z"]}
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
+
+
+_OF_REFINING = 0.25  # error of a mesh of refinement 12 over the change to it from one of 8, by comparison with 16
+
+
+def with_mesh_errors(dataset: xr.Dataset, coarse: MembraneDatabase) -> xr.Dataset:
+    """Return a dataset of states with the errors of their mesh, from the same states on a coarser one."""
+    # ``numbers_mesh_error`` (n, 4), and for either view ``profile_mesh_error`` (n, m) of the modes. Places that are
+    # lost on the coarse mesh are so on the fine one.
+    axes = np.ptp(dataset["values"].values, axis=0)
+    distance, same = KDTree(coarse["values"] / axes).query(dataset["values"].values / axes)
+    if np.max(distance) > _SAME:
+        missing = int(np.count_nonzero(distance > _SAME))
+        raise InputError("coarse", "states", "one with the parameters of each fine state", f"none for {missing}")
+    change = dataset["numbers"] - coarse["numbers"][same]
+    errors = {"numbers_mesh_error": _OF_REFINING * change}
+    for view in ("profile", "silhouette"):
+        shapes = coarse[f"{view}_mean"] + np.einsum("nm,mpi->npi", coarse[view][same], coarse[f"{view}_modes"])
+        change = np.einsum("npi,mpi->nm", shapes - dataset[f"{view}_mean"].values, dataset[f"{view}_modes"].values)
+        errors[f"{view}_mesh_error"] = _OF_REFINING * (dataset[view] - change)
+    lost = "lost_state", "parameter"
+    both = np.concatenate([dataset["lost"].values, coarse["lost"]])
+    return dataset.drop_vars("lost").assign({**errors, "lost": (lost, both)})
 
 
 class Modes(NamedTuple):

@@ -181,12 +181,12 @@ def _fill_slopes(point, mixed, slopes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def averaged(points, places, reaches, trust, lost, cells, coefficients, width, spread, sloping):  # type: ignore[no-untyped-def]
+def averaged(points, places, reaches, trust, lost, cells, coefficients, errors, width, spread, sloping):  # type: ignore[no-untyped-def]
     """Return means (n, width) at points (n, 6), covariances (n, spread, spread) and slopes (n, width, 6) if `sloping`.
 
-    The covariances are those of the first `spread` values about their means. The slopes are those of the mean
-    polynomial, whose weights are held: the derivatives of a diffuse approximation; (0, width, 6) if not `sloping`. Rows
-    of points where the polynomials do not hold are NaN.
+    The covariances are those of the first `spread` values about their means, and of the errors of the states. The
+    slopes are those of the mean polynomial, whose weights are held: the derivatives of a diffuse approximation; (0,
+    width, 6) if not `sloping`. Rows of points where the polynomials do not hold are NaN.
     """
     count = len(points)
     means, covariances = np.full((count, width), np.nan), np.full((count, spread, spread), np.nan)
@@ -208,8 +208,10 @@ def averaged(points, places, reaches, trust, lost, cells, coefficients, width, s
                     origin[:] = found  # differences to it lose no digits
                 for i in range(spread):
                     means[n, i] += weight * found[i]
+                    error = weight * errors[taken[k], i]
                     for j in range(i + 1):
                         second[i, j] += weight * (found[i] - origin[i]) * (found[j] - origin[j])
+                        second[i, j] += error * errors[taken[k], j]
             _polynomial(terms, mixed[first:], means[n, first:])
             if sloping:
                 _fill_slopes(points[n], mixed, slopes[n])
@@ -221,15 +223,15 @@ def averaged(points, places, reaches, trust, lost, cells, coefficients, width, s
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def each(point, places, reaches, trust, lost, cells, coefficients):  # type: ignore[no-untyped-def]
-    """Return the weights (k,) of the polynomials that reach one point, and their values (k, q) there."""
+def each(point, places, reaches, trust, lost, cells, coefficients, errors):  # type: ignore[no-untyped-def]
+    """Return the weights (k,) of the polynomials that reach one point, their values there and errors, (k, q) each."""
     taken, weights = np.empty(len(reaches), np.int64), np.empty(len(reaches))
     some, total = _about(point, places, reaches, trust, lost, cells, taken, weights)
     values, terms = np.empty((some, coefficients.shape[1])), np.empty(coefficients.shape[2])
     _fill_terms(point, terms)
     for k in range(some):
         _polynomial(terms, coefficients[taken[k]], values[k])
-    return weights[:some] / total, values
+    return weights[:some] / total, values, errors[taken[:some]]
 
 
 # Quadratic polynomials about each state, fitted to the values and the derivatives of its neighbours.
@@ -288,10 +290,11 @@ class LocalFits(NamedTuple):
     lost: Floats  # (m, 6): places without a state
     cells: Cells  # which of them may reach a point
     coefficients: Floats  # (n, q, 28): of 1, the six coordinates and their products in the order of `PAIRS`
+    errors: Floats  # (n, q): of the values of each state, over the factor of the differences between polynomials
 
 
-def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> LocalFits:
-    """Fit the polynomials to values (n, q) and their derivatives (n, q, 6) at scaled places (n, 6)."""
+def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats, errors: Floats) -> LocalFits:
+    """Fit the polynomials to values (n, q), with errors (n, q), and derivatives (n, q, 6) at scaled places (n, 6)."""
     distances, neighbours = map(np.asarray, KDTree(places).query(places, max(_NEIGHBOURS, _REACH)))
     radii = 1.05 * distances[:, _NEIGHBOURS - 1]
     coefficients, misfit = np.empty((len(places), values.shape[1], TERMS)), np.empty(len(places))
@@ -303,7 +306,7 @@ def local_fits(places: Floats, values: Floats, along: Floats, lost: Floats) -> L
     trust = 1.0 / (misfit / usual + _FLOOR**2)
     reaches = np.ascontiguousarray(distances[:, _REACH - 1])
     cells = Cells.of(places, reaches)
-    return LocalFits(places, reaches, trust, lost, cells, coefficients)
+    return LocalFits(places, reaches, trust, lost, cells, coefficients, errors)
 
 
 def _fitted(
@@ -424,11 +427,11 @@ _LENGTH = 1  # of the numbers, L_a
 _LOGARITHMIC = ("area_dilation_modulus", "bending")  # of which the order of magnitude is not known
 _CHANGES = 0.3  # of the distance up to which states take part in predictions: over it the error changes
 _ERROR = 0.8  # standard deviations of the error for one of the differences between local polynomials
-OF_THE_MESH = 32.0
-"""Variance of the whole error over that between the states. All states are of one mesh, of refinement 8, whose outlines
-are 0.8e-3 l (median; rms 1.5e-3 l) from those of refinement 12, which differences between the states do not show. It is
-the least power of two with which the drawn picture of the README (refinement 12) has its K and G_s in the intervals."""
-_VARIANCE = OF_THE_MESH * _ERROR**2  # of the error, over that of the local polynomials
+OF_A_COARSE_MESH = 32.0
+"""Variance of the whole error over that between the states, where these have no error of the mesh. It is that of
+refinement 8, whose outlines are 0.8e-3 l (median; rms 1.5e-3 l) from those of refinement 12, which differences between
+the states do not show. It is the least power of two with which the drawn picture of the README (refinement 12) has its
+K and G_s in the intervals."""
 
 
 class MembraneSurrogate(DatabaseModel):
@@ -462,9 +465,15 @@ class MembraneSurrogate(DatabaseModel):
         self.mode_shapes, self._mean = states[f"{kind}_modes"], states[f"{kind}_mean"]  # (k, p, 2), (p, 2) [l]
         self._frame = StateCoordinates.of(states["values"])
         numbers = np.concatenate([states["numbers"], self.stored_coefficients], axis=1)
+        errors = np.zeros_like(numbers)
+        self.mesh_factor = 1.0 if states.has_mesh_error else OF_A_COARSE_MESH
+        if states.has_mesh_error:
+            of_mesh = states["numbers_mesh_error"], states[f"{kind}_mesh_error"]
+            errors = np.concatenate(of_mesh, axis=1) / _ERROR
         along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
         places, slopes = self._frame.points(states["values"]), self._frame.slopes(states["values"], along)
-        self._fits = local_fits(places, numbers, slopes, self._frame.points(states["lost"]))
+        self._fits = local_fits(places, numbers, slopes, self._frame.points(states["lost"]), errors)
+        self._variance = self.mesh_factor * _ERROR**2  # of the error, over that of the local polynomials
         self._width = numbers.shape[1]
         self._change = _CHANGES * float(np.median(self._fits.reaches))  # over it its own error changes
         self.domain = MembraneDomain(self._frame, self._fits, states.cross_section)
@@ -487,18 +496,18 @@ class MembraneSurrogate(DatabaseModel):
         return self._prediction(means, covariances, outline=outline)
 
     def outline_modes(self, **theta: float) -> Floats:
-        # One for each local polynomial that contributes at the point: the difference of its prediction from the mean.
+        # Two for each local polynomial that contributes at the point: the difference of its prediction from the mean,
+        # and the error of its state.
         self.check_names(theta)
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
         if not self.domain.contains(*values.T)[0]:
             raise self._outside(theta)
-        weights, numbers = each(self._frame.points(values)[0], *self._fits)
-        coefficients = numbers[:, _NUMBERS:]
-        mean = weights @ coefficients
-        shape = self.outlines_of(mean[None])[0]
-        away = self.outlines_of(coefficients) - shape
-        along = np.einsum("kpi,pi->kp", away, vertex_normals(shape))
-        return np.asarray(np.sqrt(_VARIANCE * weights)[:, None] * along)
+        weights, numbers, errors = each(self._frame.points(values)[0], *self._fits)
+        mean = weights @ numbers
+        away = np.concatenate([numbers - mean, errors])[:, _NUMBERS:]
+        shape = self.outlines_of(mean[None, _NUMBERS:])[0]
+        along = np.einsum("km,mpi,pi->kp", away, self.mode_shapes, vertex_normals(shape), optimize=True)
+        return np.asarray(np.sqrt(self._variance * np.tile(weights, 2))[:, None] * along)
 
     def with_coefficients(self, theta: Mapping[str, Floats], *, errors: bool) -> tuple[Prediction, Floats, Floats]:
         """Predict a batch, its outlines as coefficients of their modes; NaN outside the domain.
@@ -523,7 +532,7 @@ class MembraneSurrogate(DatabaseModel):
             covariance[:, :count, :count] = covariances[:, _NUMBERS:, _NUMBERS:]
             covariance[:, :count, count] = covariance[:, count, :count] = covariances[:, _NUMBERS:, _LENGTH]
             covariance[:, count, count] = covariances[:, _LENGTH, _LENGTH]
-            covariance *= _VARIANCE
+            covariance *= self._variance
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], covariance
 
     def with_changes(
@@ -604,7 +613,7 @@ class MembraneSurrogate(DatabaseModel):
     def _prediction(self, means: Floats, covariances: Floats, *, outline: bool) -> Prediction:
         inside = np.isfinite(means[:, 0])
         shapes = self.outlines_of(means[:, _NUMBERS:]) if outline else None
-        covariance = _VARIANCE * covariances[:, :_ERRING, :_ERRING]
+        covariance = self._variance * covariances[:, :_ERRING, :_ERRING]
         extent, length, velocity, stretch = means.T[:_NUMBERS]
         return Prediction(extent, length, velocity, stretch, covariance, inside, shapes)
 

@@ -22,6 +22,11 @@ def test_a_steady_state_comes_back_to_the_last_bit_and_starts_its_neighbour(tmp_
     assert again.done
     for name, value in variables_of(state).items():
         np.testing.assert_array_equal(again.variables[name], value)
+    extreme = {np.argmax: ("maximum_tension", 0), np.argmin: ("minimum_tension", 1)}
+    for node, (name, column) in extreme.items():
+        at = node(state.principal_tensions[:, column])
+        assert again.variables[name] == state.principal_tensions[at, column]
+        np.testing.assert_array_equal(again.variables[f"{name}_place"], state.surface_nodes[at])
     for field in fields(state):
         np.testing.assert_array_equal(getattr(again.state, field.name), getattr(state, field.name))
     assert again.state.settings == SIMULATOR.settings

@@ -7,7 +7,6 @@ from capsbayes.errors import OutsideDatabaseError
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
 from capsbayes.profile import Profile
 from capsbayes.surrogate.membrane import (
-    OF_THE_MESH,
     MembraneSurrogate,
     along_coordinates,
     averaged,
@@ -18,6 +17,11 @@ from capsbayes.surrogate.membrane import (
 )
 from capsbayes.surrogate.open import Surrogate
 from capsbayes.testing import check_model
+
+
+def fits_of(places, values, along, *, lost=9.0, errors=None):
+    """Fit polynomials, by default to values without errors, with one lost place."""
+    return local_fits(places, values, along, np.full((1, 6), lost), np.zeros_like(values) if errors is None else errors)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +48,7 @@ def test_quadratics_are_reproduced():
     values = np.einsum("ni,ij,nj->n", places, form, places) + places @ slope
     along = places @ (form + form.T) + slope
     both, slopes = np.stack([values, 2.0 * values], axis=1), np.stack([along, 2.0 * along], axis=1)
-    fits = local_fits(places, both, slopes, lost=np.full((1, 6), 9.0))
+    fits = fits_of(places, both, slopes)
     points = rng.uniform(-1.0, 1.0, (50, 6))
     means, covariances, slopes = averaged(points, *fits, 2, 2, True)
     wanted = np.einsum("ni,ij,nj->n", points, form, points) + points @ slope
@@ -54,18 +58,19 @@ def test_quadratics_are_reproduced():
     np.testing.assert_allclose(slopes, np.stack([along, 2.0 * along], axis=1), atol=1e-3)
 
 
-def test_the_covariance_is_about_the_mean_of_the_polynomials():
+def test_the_covariance_is_that_about_the_mean_of_the_polynomials_and_of_the_errors_of_their_states():
     """Compared with the polynomials one by one, about values far from zero."""
     places = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 6))
     values = 5.0 + np.sin(3.0 * places[:, :2])
     along = 3.0 * np.cos(3.0 * places[:, :2])[..., None] * np.eye(6)[:2]
-    fits = local_fits(places, values, along, lost=np.full((1, 6), 9.0))
+    fits = fits_of(places, values, along, errors=0.3 * np.random.default_rng(2).normal(size=values.shape))
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
     means, covariances, _ = averaged(points, *fits, 2, 2, False)
     for point, mean, covariance in zip(points, means, covariances, strict=True):
-        weights, found = each(point, *fits)
+        weights, found, errors = each(point, *fits)
         np.testing.assert_allclose(mean, weights @ found, rtol=1e-10)
-        np.testing.assert_allclose(covariance, np.cov(found.T, aweights=weights, ddof=0), rtol=1e-8)
+        of_mesh = np.einsum("k,ki,kj->ij", weights, errors, errors)
+        np.testing.assert_allclose(covariance, np.cov(found.T, aweights=weights, ddof=0) + of_mesh, rtol=1e-8)
 
 
 def test_a_polynomial_that_does_not_fit_its_neighbours_counts_for_little():
@@ -73,7 +78,7 @@ def test_a_polynomial_that_does_not_fit_its_neighbours_counts_for_little():
     places = np.random.default_rng(0).uniform(-2.0, 2.0, (1500, 6))
     values = np.sin(places[:, :1]) + 5.0 * (places[:, :1] > 1.0)
     along = np.cos(places[:, :1])[..., None] * np.eye(6)[0]
-    fits = local_fits(places, values, along, lost=np.full((1, 6), 9.0))
+    fits = fits_of(places, values, along)
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 6))
     points[:, 0] = 0.5
     rms = {}
@@ -85,7 +90,7 @@ def test_a_polynomial_that_does_not_fit_its_neighbours_counts_for_little():
 
 def test_nothing_is_said_nearer_to_a_lost_place_than_to_a_state():
     places = np.random.default_rng(0).uniform(-2.0, 2.0, (300, 6))
-    fits = local_fits(places, places[:, :1], np.eye(6)[None, :1].repeat(300, axis=0), lost=np.full((1, 6), 0.25))
+    fits = fits_of(places, places[:, :1], np.eye(6)[None, :1].repeat(300, axis=0), lost=0.25)
     towards = np.linspace(0.0, 1.0, 41)[:, None] * (places[0] - 0.25) + 0.25
     near_state = np.linalg.norm(towards[:, None] - places, axis=2).min(axis=1)
     expected = near_state <= np.linalg.norm(towards - 0.25, axis=1)
@@ -97,7 +102,7 @@ def test_the_cells_miss_no_state_that_reaches_a_point():
     """Far outside the states, too."""
     places = np.random.default_rng(0).normal(size=(400, 6))
     values = places[:, :1] ** 3
-    fits = local_fits(places, values, 3.0 * places[:, :1, None] ** 2 * np.eye(6)[0], lost=np.full((1, 6), 99.0))
+    fits = fits_of(places, values, 3.0 * places[:, :1, None] ** 2 * np.eye(6)[0], lost=99.0)
     points = 1.5 * np.random.default_rng(1).normal(size=(300, 6))
     square = np.sum((points[:, None] - places) ** 2, axis=2)
     count = np.sum(square < fits.reaches**2, axis=1)
@@ -120,13 +125,13 @@ def test_derivatives_turn_with_the_coordinates(whole):
     )
 
 
-def test_states_left_out_are_found_within_the_stated_error(left_out):
+def test_states_left_out_are_found_within_the_stated_error(model, left_out):
     """They are of the same mesh, whose error is not among the differences."""
     states, predicted = left_out
     inside = predicted.inside
     assert inside.mean() > 0.9
     away = (predicted.values - states["numbers"][:, :3])[inside]
-    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / OF_THE_MESH)[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / model.mesh_factor)[inside]
     assert np.all(np.median(np.abs(score), axis=0) < 1.0)
     assert np.all(np.mean(np.abs(score) < 2.0, axis=0) > 0.85)
     assert np.all(np.median(np.abs(away) / states["numbers"][inside, :3], axis=0) < 3e-3)
