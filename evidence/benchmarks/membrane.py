@@ -99,7 +99,7 @@ def simulate(folder: Path) -> None:
     values = fine.values(membrane_places(fine, random))
     try:
         with threadpool_limits(limits=1):
-            membrane_pools.simulate_singles(store, fine, "shape", COUNT, lambda number: values[number])
+            membrane_pools.simulate_singles(store, fine, "shape", range(COUNT), lambda number: values[number])
     finally:
         parts = [part for name in sorted(store.names()) if (part := store.load(name)) is not None and part["reached"]]
         columns = {

@@ -47,6 +47,7 @@ QUANTITIES = {
 }
 PREDICTED = {"axial_extent": "L_z", "axial_length": "L_a", "capsule_velocity": "v_o"}
 INFLATED = {name: PARAMETERS[name].label for name in ("pre_inflation", "inflation_spread", "surface_shear_modulus")}
+OF_MESHES = {name: PARAMETERS[name].label for name in ("surface_shear_modulus", *FREE_PARAMETERS[2:])}
 READINGS = {"one": False, "varying": True}
 MEMBRANES = {
     "unknown": Membrane(),
@@ -166,6 +167,19 @@ def inflated(session: Session) -> dict[str, Any]:
     return found
 
 
+def told(session: Session) -> dict[str, Any]:
+    """Return what a batch tells with all laws tried: intervals with the truth, capsules held, and the likeliest law."""
+    found = identify_membrane(session.measurements, membrane_coverage.experiment(), seed=1)
+    answers: dict[str, Any] = {"status": found.status.name}
+    for name in OF_MESHES:
+        marginal = found.marginals[name]
+        ends = marginal.median, marginal.lower_95, marginal.upper_95, session.truth[name]
+        answers[name] = [float(f"{value:.4g}") for value in ends]
+    each = held("each", found.of_each("surface_shear_modulus"), session.truth["surface_shear_modulus_each"])
+    likeliest = max(found.laws, key=lambda law: law.probability)
+    return answers | {**each, "law": likeliest.name, "probability": float(f"{likeliest.probability:.2g}")}
+
+
 def tail() -> float:
     """Return the 95 % quantile of the model's error over its stated one, along what tells a membrane."""
     pool, model = membrane_pools.stored("capsules"), membrane_coverage.model("unknown")
@@ -214,6 +228,19 @@ def run_inflated(folder: Path) -> None:
     complete(store_of(folder), tasks)
 
 
+def run_meshes(folder: Path) -> None:
+    """Identify the batches that were simulated on several meshes, which the folder lacks."""
+    tasks = []
+    for refinement in membrane_pools.MESHES:
+        pool = membrane_pools.stored("meshes")
+        rows = pool["refinement"] == refinement
+        of_mesh = {name: values[rows] for name, values in pool.items() if len(values) == len(rows)}
+        for number in np.unique(of_mesh["batch"]).astype(int).tolist():
+            session = Session(of_mesh, number, "outline")
+            tasks.append((f"meshes-{number:02d}-{refinement:02d}", partial(told, session)))
+    complete(store_of(folder), tasks)
+
+
 def store_of(folder: Path) -> Store:
     """Return the store of identified batches."""
     errors = [VISCOSITY, HALF_WIDTH, VELOCITY, LENGTH_ERROR, PUMP]
@@ -234,6 +261,8 @@ def counted(folder: Path) -> dict[str, Any]:
                     rows[f"{kind}, unknown (batches {CHOSEN_ON + 1} on)"] = counts_of(parts[CHOSEN_ON:])
     names = sorted(store.names("inflated-*"))
     counts["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
+    of_meshes = sorted(store.names("meshes-*"))
+    counts["meshes"] = {name.removeprefix("meshes-"): store.load(name) for name in of_meshes}
     return counts | {"tail": tail()}
 
 
@@ -255,6 +284,10 @@ def tables(counts: dict[str, Any]) -> dict[str, str]:
         "batches": _table(counts["coverage"], QUANTITIES),
         "transfer": _table(counts["transfer"], PREDICTED),
         "inflated": table(("batch", "read as of", *INFLATED.values()), _inflated_rows(counts["inflated"])),
+        "meshes": table(
+            ("batch", "simulated at", *OF_MESHES.values(), "capsules in 95 %", "likeliest law", "status"),
+            _rows_of_meshes(counts.get("meshes", {})),
+        ),
     }
 
 
@@ -283,6 +316,19 @@ def _inflated_rows(batches: dict[str, dict[str, Any]]) -> Iterator[list[str]]:
             yield [number, f"{reading} inflation", *cells]
 
 
+def _rows_of_meshes(answers: dict[str, dict[str, Any]]) -> Iterator[list[str]]:
+    """Yield what the same capsules tell on each mesh, after the truth."""
+    for name, answer in answers.items():
+        batch, refinement = map(int, name.split("-"))
+        ends = {key: [PARAMETERS[key].shown(value) for value in answer[key]] for key in OF_MESHES}
+        if refinement == membrane_pools.MESHES[0]:
+            yield [str(batch + 1), "the truth", *(f"{ends[key][3]:.3g}" for key in OF_MESHES), "", "", ""]
+        cells = ["{:.3g} ({:.3g} to {:.3g})".format(*ends[key][:3]) for key in OF_MESHES]
+        held_by = f"{answer['each 95']} of {answer['each']}"
+        law = f"{answer['law']} {100 * answer['probability']:.0f} %"
+        yield [str(batch + 1), f"refinement {refinement}", *cells, held_by, law, answer["status"]]
+
+
 STORED = Stored("membrane-batches.json", "evidence/results/membrane.md", tables)
 
 
@@ -291,7 +337,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="where identified batches are kept")
     parser.add_argument("--lengths", type=int, default=membrane_pools.BATCHES["batches"])
     parser.add_argument("--outlines", type=int, default=membrane_pools.BATCHES["batches"])
+    parser.add_argument("--only-meshes", action="store_true", help="only those that were simulated on several meshes")
     given = parser.parse_args()
+    if membrane_pools.pool_of("meshes").exists():
+        run_meshes(given.folder)
+    if given.only_meshes:
+        STORED.show(STORED.read() | {"meshes": counted(given.folder)["meshes"]}, write=given.write)
+        return
     run(given.folder, "lengths", given.lengths)
     run(given.folder, "outline", given.outlines)
     run_inflated(given.folder)

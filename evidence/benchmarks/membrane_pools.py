@@ -1,9 +1,9 @@
 """Simulate capsules with random membranes, one by one, and store them in ``data/pools``.
 
-Run ``python -m evidence.benchmarks.membrane_pools capsules|batches|inflated|others|pairs FOLDER``. Each solve starts
-from the nearest state of the shipped database, or from the nearest capsule of the same batch. Each finished capsule is
-kept in FOLDER, so that an interrupted run resumes; what has ended is then stored, without the unfinished batches. The
-mesh is that of the states, of refinement 8; no place is one of theirs.
+Run ``python -m evidence.benchmarks.membrane_pools KIND FOLDER``. Each solve starts from the nearest state of the
+shipped database, or from the nearest capsule of the same batch. Each finished capsule is kept in FOLDER, so that an
+interrupted run resumes; what has ended is then stored, without the unfinished batches. The mesh is of refinement 12, of
+every tenth capsule or batch 16; no place is one of the states.
 
 Capsules have the default priors of the membrane, and ln Ca and a/l uniform where states are sought.
 
@@ -16,6 +16,8 @@ from capsule to capsule, log-normal with a spread of 20 to 40 %.
 Others obey laws that are no members of the general one; their places follow Sobol's sequence, and each is reached from
 the others.
 
+Meshes are batches of sixteen, each of whose capsules is simulated at refinement 8, 12 and 16.
+
 Pairs differ from the membrane of the plain databases in two of its parameters. Their mesh is that of these databases,
 of refinement 12.
 """
@@ -24,12 +26,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import chain, combinations, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -45,7 +47,7 @@ from capsbayes.membrane_database import (
     highest_ca,
     lowest_ca,
 )
-from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke
+from capsbayes.physics.membrane import EvansSkalak, GeneralisedHooke, InvariantDerivatives, MembraneLaw
 from capsbayes.physics.scattered import (
     Continuation,
     ScatteredState,
@@ -59,8 +61,8 @@ from capsbayes.physics.scattered import (
 from capsbayes.run import Store
 from evidence.benchmarks.stored import POOL_FOLDER, arguments, complete
 
-CAPSULES, MEMBERS = 540, 40
-BATCHES = {"batches": 60, "inflated": 6}
+CAPSULES, MEMBERS = 200, 40
+BATCHES = {"batches": 40, "inflated": 6}
 FLOW_RATES = np.array([1.0, 1.7, 3.0, 5.0])
 MODULUS_SPREADS, RADIUS_SPREADS, MEAN_SIZES = (0.1, 0.2), (0.05, 0.08), (0.84, 1.0)
 INFLATION_SPREADS, INFLATIONS = (0.2, 0.4), (0.02, 0.06)  # of inflated batches, with their medians
@@ -71,15 +73,71 @@ LOGARITHMIC = (0, 3, 5)  # of the parameters
 OF_SOME = (
     *("law", "batch", "flow", "flow_factor"),
     *("relative_modulus", "relative_radius", "modulus_spread", "radius_spread"),
-    *("relative_inflation", "inflation_spread"),
+    *("relative_inflation", "inflation_spread", "refinement"),
 )
-OTHER_LAWS = {"generalised Hooke": GeneralisedHooke(0.5), "Evans-Skalak": EvansSkalak(3.0)}
-OF_EACH = 20  # capsules of each of these
+OF_EACH = 20  # capsules of each of `OTHER_LAWS`
 OF_THE_LAW = ("area_dilation_modulus", "strain_hardening")
-PAIRS, FINE = 71, 12
+USUAL, FINE, EVERY = 12, 16, 10  # refinements, and one in how many is of the finer
+MESHES = (8, 12, 16)
+OF_MESHES = (  # parameters of the mean capsule at the lowest flow rate of batches that are simulated on all of them
+    (0.03, 0.92, 0.01, 4.0, 0.3, 1e-4),
+    (0.035, 0.88, 0.02, 2.5, 0.6, 3e-4),
+    (0.03, 0.95, 0.03, 3.0, 0.0, 5e-4),
+)
+FEW = 16  # capsules of each of these
+PAIRS = 71
 OF_PAIRS = ((0.02, 0.2), (0.78, 1.02), (0.005, 0.05), (1.0, 5.0), (0.1, 1.0), (5e-5, 1e-3))  # ranges as `RANGES`
 NEAR_THE_END = 1.03  # highest Ca over that of a pair at most
 SEED = 2024
+
+
+@dataclass(frozen=True)
+class MooneyRivlin(MembraneLaw):
+    """Incompressible sheet, W = [psi (I1 + 2 + 1/(I2 + 1)) + (1 - psi) ((I1 + 2)/(I2 + 1) + I2 + 1) - 3]/2."""
+
+    name: ClassVar[str] = "Mooney-Rivlin"
+    area_dilation_modulus: ClassVar[float] = 3.0
+    psi: float = 0.7
+
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
+        a, b, thinning = self.psi / 2.0, (1.0 - self.psi) / 2.0, 1.0 / (i2 + 1.0)
+        stretched = i1 + 2.0
+        return (
+            a * (stretched + thinning - 3.0) + b * (stretched * thinning + i2 - 2.0),
+            a + b * thinning,
+            -a * thinning**2 + b * (1.0 - stretched * thinning**2),
+            np.zeros_like(thinning),
+            -b * thinning**2,
+            2.0 * (a + b * stretched) * thinning**3,
+        )
+
+
+@dataclass(frozen=True)
+class Ogden(MembraneLaw):
+    """Incompressible sheet with exponent four, W = (l1^4 + l2^4 + (l1 l2)^-4 - 3)/8."""
+
+    name: ClassVar[str] = "Ogden"
+    area_dilation_modulus: ClassVar[float] = 3.0
+
+    def derivatives(self, i1: Floats, i2: Floats) -> InvariantDerivatives:
+        thinning, stretched = 1.0 / (i2 + 1.0), i1 + 2.0
+        one = np.ones_like(thinning)
+        return (
+            (stretched**2 - 2.0 / thinning + thinning**2 - 3.0) / 8.0,
+            stretched / 4.0,
+            -(1.0 + thinning**3) / 4.0,
+            one / 4.0,
+            0.0 * one,
+            0.75 * thinning**4,
+        )
+
+
+OTHER_LAWS: dict[str, MembraneLaw] = {
+    "generalised Hooke": GeneralisedHooke(0.5),
+    "Evans-Skalak": EvansSkalak(3.0),
+    "Mooney-Rivlin": MooneyRivlin(),
+    "Ogden": Ogden(),
+}
 
 
 def pool_of(name: str) -> Path:
@@ -150,8 +208,13 @@ def drawn_capsule(number: int) -> Floats:
     return drawn_values(np.random.default_rng([SEED, 0, number]))
 
 
+def refinement_of(number: int) -> int:
+    """Return the refinement of the mesh of a capsule or batch."""
+    return FINE if number % EVERY == EVERY - 1 else USUAL
+
+
 def simulate_singles(
-    store: Store, continuation: Continuation, name: str, count: int, drawn: Callable[[int], Floats]
+    store: Store, continuation: Continuation, name: str, numbers: Iterable[int], drawn: Callable[[int], Floats]
 ) -> None:
     """Simulate the single capsules that the store lacks."""
     starts = Starts(continuation)
@@ -160,9 +223,13 @@ def simulate_singles(
         values = drawn(number)
         state = starts.reached(continuation.places(values[None])[0], derivatives=False)
         seen = {} if state is None else continuation.seen(state)
-        return {"values": values, "reached": state is not None, **seen}
+        return {"values": values, "reached": state is not None, "refinement": _refinement(continuation), **seen}
 
-    complete(store, ((f"{name}-{number:03d}", partial(simulated, number)) for number in range(count)))
+    complete(store, ((f"{name}-{number:03d}", partial(simulated, number)) for number in numbers))
+
+
+def _refinement(continuation: Continuation) -> float:
+    return float(continuation.simulator.refinement)
 
 
 class Batch(NamedTuple):
@@ -174,6 +241,11 @@ class Batch(NamedTuple):
     modulus_spread: float
     radius_spread: float
     inflation_spread: float = 0.0
+
+    @classmethod
+    def of_meshes(cls, number: int) -> Batch:
+        """Return one of `OF_MESHES`."""
+        return cls(number, np.array(OF_MESHES[number]), FLOW_RATES ** (np.log(2.5) / np.log(5.0)), 0.12, 0.05)
 
     @classmethod
     def drawn(cls, number: int, *, inflated: bool = False) -> Batch:
@@ -206,9 +278,9 @@ class Batch(NamedTuple):
                 yield values, {"batch": float(self.number), "flow": float(flow), **of_it}
 
 
-def simulate_batch(store: Store, continuation: Continuation, batch: Batch) -> None:
+def simulate_batch(store: Store, continuation: Continuation, batch: Batch, count: int) -> None:
     """Simulate the capsules of a batch that the store lacks, each from the nearest state or capsule."""
-    members = [batch.capsules(member) for member in range(MEMBERS)]
+    members = [batch.capsules(member) for member in range(count)]
     firsts = [next(candidates) for candidates in members]
     places = continuation.places(np.array([values for values, _ in firsts]))
     starts = Starts(continuation)
@@ -231,6 +303,7 @@ def simulated_member(starts: Starts, candidates: Iterator[tuple[Floats, dict[str
         if state is not None:
             of_state = {field.name: getattr(state, field.name) for field in fields(state)}
             found = {"values": values, "lost": np.array(lost).reshape(-1, len(values))}
+            found["refinement"] = _refinement(continuation)
             return {"reached": True, **found, **of_it, **of_state, **continuation.seen(state)}
         lost.append(values)
     return {"reached": False, "lost": np.array(lost)}
@@ -250,7 +323,7 @@ def drawn_pair(number: int) -> Floats:
 
 def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     """Simulate the capsules of other laws that the folder lacks, and return all of them by law."""
-    general, found = membrane_continuation("square"), {}
+    general, found = membrane_continuation("square", USUAL), {}
     for name, law in OTHER_LAWS.items():
         axes = tuple(axis for axis in general.axes if axis.name not in OF_THE_LAW)
         continuation = Continuation(replace(general.simulator, law=law), axes)
@@ -270,11 +343,11 @@ def simulate_others(folder: Path) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def finished(kind: str, store: Store) -> list[dict[str, Any]]:
-    """Return what has ended of the capsules of a folder; of batches those that are whole."""
+def finished(store: Store, members: int) -> list[dict[str, Any]]:
+    """Return what has ended of the capsules of a folder; of batches those that have all their members."""
     parts = {name: part for name in sorted(store.names()) if (part := store.load(name)) is not None}
     of_batch = Counter(name[:8] for name in parts)
-    return [part for name, part in parts.items() if kind not in BATCHES or of_batch[name[:8]] == MEMBERS]
+    return [part for name, part in parts.items() if not members or of_batch[name[:8]] == members]
 
 
 def write(kind: str, parts: list[dict[str, Any]], settings: Mapping[str, object]) -> None:
@@ -298,30 +371,54 @@ def write(kind: str, parts: list[dict[str, Any]], settings: Mapping[str, object]
     print(f"{len(seen)} capsules in {path.name}, {path.stat().st_size} bytes; {len(lost)} not reached")
 
 
+def simulate(kind: str, store: Store, continuation: Continuation, numbers: Sequence[int]) -> None:
+    """Simulate capsules or batches of a kind, by their numbers, that the store lacks."""
+    if kind == "pairs":
+        simulate_singles(store, continuation, "pair", numbers, drawn_pair)
+    elif kind == "capsules":
+        simulate_singles(store, continuation, "capsule", numbers, drawn_capsule)
+    else:
+        for number in numbers:
+            given = kind == "meshes"
+            batch = Batch.of_meshes(number) if given else Batch.drawn(number, inflated=kind == "inflated")
+            simulate_batch(store, continuation, batch, FEW if given else MEMBERS)
+
+
+def numbers_of(kind: str) -> dict[int, list[int]]:
+    """Return the numbers of the capsules or batches of a kind, by the refinement of their meshes."""
+    if kind == "meshes":
+        return {refinement: list(range(len(OF_MESHES))) for refinement in MESHES}
+    if kind == "pairs":
+        return {USUAL: list(range(PAIRS))}
+    every = range(BATCHES.get(kind, CAPSULES))
+    return {mesh: [number for number in every if refinement_of(number) == mesh] for mesh in (USUAL, FINE)}
+
+
 def main() -> None:
     parser = arguments(__doc__)
-    parser.add_argument("kind", choices=("capsules", *BATCHES, "others", "pairs"))
+    parser.add_argument("kind", choices=("capsules", *BATCHES, "others", "pairs", "meshes"))
     parser.add_argument("folder", type=Path, help="where finished capsules are kept")
     given = parser.parse_args()
-    continuation = membrane_continuation("square", FINE if given.kind == "pairs" else 8)
+    settings = membrane_continuation("square", USUAL).settings
     if given.kind == "others":
         numbered = list(enumerate(simulate_others(given.folder).values()))
         laws = {"law": [law.name for law in OTHER_LAWS.values()]}
         parts = [{**part, "law": float(number)} for number, of_law in numbered for part in of_law]
-        write("others", parts, continuation.settings | laws)
+        write("others", parts, settings | laws)
         return
-    store = Store.open(given.folder, continuation.settings)
+    members = {"meshes": FEW}.get(given.kind, MEMBERS if given.kind in BATCHES else 0)
+    parts = []
     try:
-        with threadpool_limits(limits=1):
-            if given.kind == "pairs":
-                simulate_singles(store, continuation, "pair", PAIRS, drawn_pair)
-            elif given.kind == "capsules":
-                simulate_singles(store, continuation, "capsule", CAPSULES, drawn_capsule)
-            else:
-                for number in range(BATCHES[given.kind]):
-                    simulate_batch(store, continuation, Batch.drawn(number, inflated=given.kind == "inflated"))
+        for refinement, numbers in numbers_of(given.kind).items():
+            continuation = membrane_continuation("square", refinement)
+            store = Store.open(given.folder / f"refinement-{refinement}", continuation.settings)
+            try:
+                with threadpool_limits(limits=1):
+                    simulate(given.kind, store, continuation, numbers)
+            finally:
+                parts += finished(store, members)
     finally:
-        write(given.kind, finished(given.kind, store), continuation.settings)
+        write(given.kind, parts, settings)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from scipy import stats
 
 from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, covered
 from capsbayes.profile import Profile
+from capsbayes.testing import check_law
 from evidence.benchmarks import membrane_coverage, membrane_effects, membrane_pools
 
 CAPSULES = membrane_pools.stored("capsules")
@@ -47,8 +48,8 @@ def test_the_members_of_a_batch_share_a_membrane_and_flow_at_four_rates():
 
 
 def test_capsules_of_other_laws_have_their_moduli_and_no_hardening():
-    others = membrane_pools.stored("others")
-    for number, law in enumerate(membrane_pools.OTHER_LAWS.values()):
+    others, laws = membrane_pools.stored("others"), list(membrane_pools.OTHER_LAWS.values())
+    for number, law in enumerate(laws[: int(others["law"].max()) + 1]):
         values = others["values"][others["law"] == number]
         assert len(values) > 0.7 * membrane_pools.OF_EACH
         assert np.all(values[:, 3] == law.area_dilation_modulus)
@@ -57,6 +58,25 @@ def test_capsules_of_other_laws_have_their_moduli_and_no_hardening():
             "lengths", values[0], others["numbers"][0], others["profile"][0], np.random.default_rng(0)
         )
         assert "strain_hardening" not in truth
+
+
+@pytest.mark.parametrize("law", membrane_pools.OTHER_LAWS.values(), ids=membrane_pools.OTHER_LAWS)
+def test_other_laws_are_laws(law):
+    check_law(law)
+
+
+@pytest.mark.parametrize("kind", ["capsules", "batches"])
+def test_every_tenth_is_simulated_on_a_finer_mesh(kind):
+    numbers = membrane_pools.numbers_of(kind)
+    assert sorted(numbers[12] + numbers[16]) == list(range(9 * len(numbers[16]) + len(numbers[16])))
+    assert len(numbers[16]) >= 4
+
+
+def test_the_batches_of_all_meshes_lie_where_states_are_sought():
+    for number in range(len(membrane_pools.OF_MESHES)):
+        batch = membrane_pools.Batch.of_meshes(number)
+        assert covered(np.array([next(batch.capsules(member))[0] for member in range(membrane_pools.FEW)])).all()
+        assert covered((batch.values * np.array([batch.factors[-1], 1, 1, 1, 1, 1]))[None])[0]
 
 
 @pytest.mark.slow
