@@ -36,8 +36,8 @@ HEAD = """
 ## Keys of `--json`
 
 Numbers are in SI, or in the units of the [table of quantities](../method.md#units). A quantity with an interval has
-`median`, `mean`, `sd`, `lower_68`, `upper_68`, `lower_95` and `upper_95`, a check `name`, `value`, `wanted`, `passed`.
-What does not apply is `null`, or is left out.
+`median`, `mean`, `sd`, `lower_68`, `upper_68`, `lower_95` and `upper_95`, a check `name`, `value`, `wanted`, `passed`,
+and a `caveat` where a p-value passes but is small. What does not apply is `null`, or is left out.
 """
 MEANINGS = {
     "agreement": "largest differences of the two engines; of `batch`, between rows and sampled capsules",

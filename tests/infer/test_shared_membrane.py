@@ -14,9 +14,16 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane, Prior
 from capsbayes.infer.conditional import Capsules
-from capsbayes.infer.shared_membrane import FUNCTIONS, averaged, identify_membrane, log_density_variance
+from capsbayes.infer.shared_membrane import (
+    FUNCTIONS,
+    MISFIT,
+    averaged,
+    identify_membrane,
+    log_density_variance,
+)
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
+from capsbayes.report.membrane import caveats
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.surrogate.membrane import OF_THE_MESH
 
@@ -93,6 +100,24 @@ def test_the_file_holds_draws_and_summary(known, tmp_path):
     assert summary["quantities"]["pre_inflation"]["median"] == pytest.approx(middle)
     assert [capsule["name"] for capsule in summary["capsules"]] == list(known.names)
     assert summary["status"] == known.status.name
+
+
+@pytest.mark.parametrize(
+    ("p_value", "status", "said"), [(0.06, "DONE", 0), (0.009, "DONE", 1), (0.004, "SHAPES_MISFIT", 1)]
+)
+def test_a_misfit_is_said_before_it_is_refused(capsules, monkeypatch, p_value, status, said):
+    def misfit(found, *place):
+        square = stats.chi2.isf(p_value, found.batch.known.sum()) - found.batch.left.sum()
+        return np.full((1000, 8), square / 8)
+
+    monkeypatch.setattr(Capsules, "misfit", misfit)
+    found = identified(capsules[0], Membrane("neo-Hookean", bending=1e-4, pre_inflation=0.03))
+    sentences = [sentence for sentence in caveats(found) if MISFIT in sentence]
+    assert found.status.name == status
+    assert len(sentences) == said
+    assert all(f"{p_value:g}" in sentence for sentence in sentences)
+    gate = next(gate for gate in found.as_dict()["gates"] if gate["name"] == MISFIT)
+    assert gate.get("caveat") == (sentences[0] if p_value == 0.009 else None)
 
 
 def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules):

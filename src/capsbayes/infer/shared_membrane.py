@@ -648,7 +648,6 @@ ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one
 
 _DRAWS = 1000
 _DRAWS_AT_ONCE = 50  # draws whose capsules are drawn together
-_LEAST_P = 1e-3
 _MANY = 200  # capsules for which worker processes take less time than they need to start
 
 
@@ -918,7 +917,7 @@ def _misfit_gate(batch: Batch, misfit: Floats) -> Gate:
     # That of what was measured is compared with that of measurements drawn at the same draws of the posterior, which is
     # chi squared with all the numbers measured: where the model is right, the probability is seldom small.
     square = misfit.sum(axis=1) + batch.left.sum()
-    return Gate(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()), least=_LEAST_P)
+    return Gate.of_p_value(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()))
 
 
 def _misfit_of_each(batch: Batch, misfit: Floats) -> Floats:

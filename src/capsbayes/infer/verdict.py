@@ -34,8 +34,6 @@ from capsbayes.status import Status
 PREDICTED = ("axial_extent", "axial_length", "flow_rate")
 """Quantities that have a p-value, where they were measured; each is predicted from those before it."""
 
-LEVEL = 1e-3  # p-value below which the measurement contradicts the model and the priors
-
 LARGEST_REYNOLDS_NUMBER = 1.0  # rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l
 
 _DRAWS = 4000
@@ -76,12 +74,13 @@ def _log_flow(posterior: ExactPosterior) -> tuple[float, float]:
 
 def misfits_of(found: Mapping[str, float]) -> list[Misfit]:
     """Return the gates on p-values by name, first the one whose failure explains the others."""
-    lengths = dict.fromkeys(PREDICTED, Status.LENGTHS_MISFIT) | {"flow_rate": Status.FLOW_CONFLICT}
-    return [
-        Misfit(Gate(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], least=LEVEL), lengths[name])
-        for name in reversed(PREDICTED)
-        if np.isfinite(found.get(name, np.nan))
-    ]
+    statuses = dict.fromkeys(PREDICTED, Status.LENGTHS_MISFIT) | {"flow_rate": Status.FLOW_CONFLICT}
+    known = [name for name in reversed(PREDICTED) if np.isfinite(found.get(name, np.nan))]
+    gates = {
+        name: Gate.of_p_value(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], len(known))
+        for name in known
+    }
+    return [Misfit(gate, statuses[name]) for name, gate in gates.items()]
 
 
 def inertia(reynolds_number: float) -> Misfit:

@@ -45,6 +45,8 @@ def caveats(shared: SharedMembrane) -> Iterator[str]:
     for gate in shared.gates:
         if not gate.passed:
             yield f"Check failed: {gate}."
+        if gate.caveat:
+            yield gate.caveat
     unusable = [law.name for law in shared.laws if not law.usable]
     if unusable:
         yield f"Checks of the computation failed under: {', '.join(unusable)}; its row is rough."

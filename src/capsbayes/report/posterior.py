@@ -128,6 +128,8 @@ def _computation(posterior: Posterior) -> Iterator[str]:
     for gate in posterior.gates:
         if not gate.passed:
             yield f"A check failed: {gate.name} is {gate.value:.4g}, wanted {gate.wanted}."
+        if gate.caveat:
+            yield gate.caveat
     if posterior.agreement is not None and not posterior.agreement.passed:
         yield f"Checked a second way, {posterior.agreement}."
 
