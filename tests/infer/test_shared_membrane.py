@@ -21,6 +21,7 @@ from capsbayes.infer.shared_membrane import (
     identify_membrane,
     log_density_variance,
 )
+from capsbayes.infer.verdict import RANGE
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
 from capsbayes.report.membrane import caveats
@@ -118,6 +119,14 @@ def test_a_misfit_is_said_before_it_is_refused(capsules, monkeypatch, p_value, s
     assert all(f"{p_value:g}" in sentence for sentence in sentences)
     gate = next(gate for gate in found.as_dict()["gates"] if gate["name"] == MISFIT)
     assert gate.get("caveat") == (sentences[0] if p_value == 0.009 else None)
+
+
+def test_a_parameter_at_an_end_of_its_range_is_said(capsules):
+    """Of membranes whose inflation is known and wrong, K makes up for it as far as its range reaches."""
+    found = identified(capsules[0], Membrane(strain_hardening=0.0, bending=1e-4, pre_inflation=0.1))
+    share = found.as_dict()["share_next_to_border"][f"{RANGE}area_dilation_modulus"]
+    assert share == found.leaning[f"{RANGE}area_dilation_modulus"] > 0.2
+    assert any("next to the end of the range of the model in K." in sentence for sentence in caveats(found))
 
 
 def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules):

@@ -57,6 +57,7 @@ from capsbayes.infer.proposal import (
     tempered,
     weight_gates,
 )
+from capsbayes.infer.verdict import range_leanings
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
@@ -514,6 +515,8 @@ class SharedMembrane(Readable):
         The general law first; empty if not asked for.
     prior : mapping of str to Quantity
         Of the parameters of the membrane that are not known.
+    leaning : mapping of float
+        Share of the posterior next to the ends of the model's ranges, see `capsbayes.infer.verdict`.
     experiment : Experiment
     model_name, model_sha256 : str
     seed : int
@@ -529,6 +532,7 @@ class SharedMembrane(Readable):
     misfit: Floats
     laws: tuple[LawOdds, ...]
     prior: Mapping[str, Quantity]
+    leaning: Mapping[str, float]
     experiment: Experiment
     model_name: str
     model_sha256: str
@@ -581,6 +585,7 @@ class SharedMembrane(Readable):
             "sentence": str(self.status),
             "quantities": {name: marginal.as_dict() for name, marginal in self.marginals.items()},
             "widths_over_prior": self.widths_over_prior(),
+            "share_next_to_border": dict(self.leaning),
             "laws": [self._of_law(law) for law in self.laws],
             "flows": self._of_flows(),
             "capsules": [
@@ -730,6 +735,7 @@ def identify_membrane(
         results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
     sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
+    prior_of_each = {key_of(one): one.distribution for one in unknowns.coordinates}
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
         draws=draws,
@@ -741,7 +747,8 @@ def identify_membrane(
         ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
         laws=_with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
-        prior={key_of(one): one.distribution for one in unknowns.coordinates},
+        prior=prior_of_each,
+        leaning=range_leanings(draws, model.coordinates, prior_of_each),
         experiment=experiment,
         model_name=model.name,
         model_sha256=model.sha256,

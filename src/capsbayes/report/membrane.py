@@ -14,7 +14,7 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import marginal_cells, per_cent, rounded
-from capsbayes.report.posterior import BY_MESH, told_words
+from capsbayes.report.posterior import BY_MESH, border_words, told_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
 
@@ -47,6 +47,7 @@ def caveats(shared: SharedMembrane) -> Iterator[str]:
             yield f"Check failed: {gate}."
         if gate.caveat:
             yield gate.caveat
+    yield from border_words(shared.leaning)
     unusable = [law.name for law in shared.laws if not law.usable]
     if unusable:
         yield f"Checks of the computation failed under: {', '.join(unusable)}; its row is rough."
