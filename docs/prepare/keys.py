@@ -46,7 +46,7 @@ MEANINGS = {
     "best": "the flow rate to choose, and what is expected at it",
     "candidates": "each effect that was tried: size, odds, G_s with it, what remains unexplained",
     "capillary_number": "Ca",
-    "capsules": "number of capsules; of `membrane`, a list with misfit, G_s and a of each",
+    "capsules": "number of capsules; of `membrane`, a list with misfit, G_s, K_s and a of each",
     "changes_by_the_missing": "how much the answers change by accounting for capsules that cannot be in the sample",
     "confidence": "level of the intervals of the indices",
     "cross_section": "cross-section of the channel",

@@ -24,7 +24,7 @@ from capsbayes.infer.shared_membrane import (
 from capsbayes.infer.verdict import RANGE
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
-from capsbayes.report.membrane import caveats
+from capsbayes.report.membrane import caveats, membrane_table
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.surrogate.membrane import OF_THE_MESH
 
@@ -89,6 +89,9 @@ def test_each_capsule_has_its_own_modulus_and_radius(known, capsules):
     held = [one.contains(modulus, level=95) for one, modulus in each]
     assert np.mean(held) > 0.7
     assert all(abs(one.median / 22.5e-6 - 1.0) < 0.15 for one in known.of_each("capsule_radius"))
+    for ending in ("", "_each"):
+        ratio = known.draws[f"surface_dilation_modulus{ending}"] / known.draws[f"surface_shear_modulus{ending}"]
+        np.testing.assert_allclose(ratio, 3.0)
     both = known.moduli_by_flow()
     assert both[0].median == pytest.approx(both[1].median, rel=0.2)
 
@@ -100,6 +103,8 @@ def test_the_file_holds_draws_and_summary(known, tmp_path):
         middle = np.median(stored["pre_inflation"])
     assert summary["quantities"]["pre_inflation"]["median"] == pytest.approx(middle)
     assert [capsule["name"] for capsule in summary["capsules"]] == list(known.names)
+    assert all("surface_dilation_modulus" in of_one for of_one in (summary["quantities"], *summary["capsules"]))
+    assert "K_s [mN/m]" in membrane_table(known).to_string()
     assert summary["status"] == known.status.name
 
 
@@ -124,6 +129,10 @@ def test_a_misfit_is_said_before_it_is_refused(capsules, monkeypatch, p_value, s
 def test_a_parameter_at_an_end_of_its_range_is_said(capsules):
     """Of membranes whose inflation is known and wrong, K makes up for it as far as its range reaches."""
     found = identified(capsules[0], Membrane(strain_hardening=0.0, bending=1e-4, pre_inflation=0.1))
+    dilation = found.draws["area_dilation_modulus"]
+    for name, k in (("", dilation), ("_each", dilation[:, None])):
+        moduli = k * found.draws[f"surface_shear_modulus{name}"]
+        np.testing.assert_allclose(found.draws[f"surface_dilation_modulus{name}"], moduli)
     share = found.as_dict()["share_next_to_border"][f"{RANGE}area_dilation_modulus"]
     assert share == found.leaning[f"{RANGE}area_dilation_modulus"] > 0.2
     assert any("next to the end of the range of the model in K." in sentence for sentence in caveats(found))

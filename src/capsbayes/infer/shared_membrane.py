@@ -472,11 +472,14 @@ def _nearest(draws: Draws, points: Floats) -> Start:
 
 # The membrane of a batch: its posterior, the capsules, and the odds of known laws
 
-EACH = ("surface_shear_modulus", "capsule_radius", "capillary_number", "pre_inflation")
+EACH = ("surface_shear_modulus", "surface_dilation_modulus", "capsule_radius", "capillary_number", "pre_inflation")
 PREDICTED = ("axial_extent", "axial_length", "velocity_ratio")
 """Quantities of each capsule, and what is predicted of it: their draws are named with ``_each``."""
 
-_POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread", "inflation_spread")
+_POPULATION = (
+    *("surface_shear_modulus", "surface_dilation_modulus", "modulus_spread"),
+    *("capsule_radius", "radius_spread", "inflation_spread"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -497,10 +500,11 @@ class SharedMembrane(Readable):
     Parameters
     ----------
     draws : mapping of arrays
-        The parameters of the membrane by name, ``surface_shear_modulus`` and ``capsule_radius``, means of the
-        population (of ln G_s and of a) in SI, ``modulus_spread`` and ``radius_spread``, relative : (d,) arrays; and
-        for n capsules each of `EACH` and `PREDICTED` with ``_each`` : (d, n) arrays. If the pre-inflation varies,
-        that of the membrane is its median, and ``inflation_spread`` and ``pre_inflation_each`` are there too.
+        The parameters of the membrane by name, ``surface_shear_modulus``, ``surface_dilation_modulus`` and
+        ``capsule_radius``, means of the population (of ln G_s, ln K_s and a) in SI, ``modulus_spread`` and
+        ``radius_spread``, relative : (d,) arrays; and for n capsules each of `EACH` and `PREDICTED` with ``_each`` :
+        (d, n) arrays. If the pre-inflation varies, that of the membrane is its median, and ``inflation_spread`` and
+        ``pre_inflation_each`` are there too.
     names : tuple of str
         Of the capsules.
     flow : (n,) array
@@ -873,14 +877,18 @@ def _drawn_membranes(
     if spreads.inflation is not None:
         each = membranes["pre_inflation"][:, None] * np.exp(own[..., 2])
         varying = {"inflation_spread": spreads.inflation, "pre_inflation_each": each}
+    modulus, moduli = np.exp(common[:, MODULUS]) * viscosity, np.exp(log_moduli) * viscosity[:, None]
+    dilation = membranes["area_dilation_modulus"]
     return {
         **membranes,
         **varying,
-        "surface_shear_modulus": np.exp(common[:, MODULUS]) * viscosity,
+        "surface_shear_modulus": modulus,
+        "surface_dilation_modulus": dilation * modulus,
         "capsule_radius": common[:, SIZE] * width,
         "modulus_spread": spreads.modulus,
         "radius_spread": spreads.size / common[:, SIZE],
-        "surface_shear_modulus_each": np.exp(log_moduli) * viscosity[:, None],
+        "surface_shear_modulus_each": moduli,
+        "surface_dilation_modulus_each": dilation[:, None] * moduli,
         "capsule_radius_each": own[..., 1] * width[:, None],
         **seen,
         "misfit": capsules.misfit(membranes, Start(own, common)),
