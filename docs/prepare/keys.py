@@ -71,7 +71,7 @@ MEANINGS = {
     "inputs": "measured and stated numbers with their errors; of a budget, the share of each in the variance",
     "iterations": "number of Newton steps",
     "largest_change_without_them": "largest change of an index without the samples that have no shape",
-    "laws": "the membrane laws that were compared: probability, its error, G_s under each",
+    "laws": "the membrane laws that were compared: probability, its range over model errors, G_s under each",
     "least_stretch": "smallest Lambda of the capsules kept",
     "left_out": "capsules that could not be used, with the reason",
     "level": "significance level of the finding",

@@ -17,14 +17,17 @@ from capsbayes.infer.conditional import Capsules
 from capsbayes.infer.shared_membrane import (
     FUNCTIONS,
     MISFIT,
+    LawOdds,
+    Sampled,
     averaged,
     identify_membrane,
     log_density_variance,
+    with_odds,
 )
 from capsbayes.infer.verdict import RANGE
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
-from capsbayes.report.membrane import caveats, membrane_table
+from capsbayes.report.membrane import caveats, law_table, law_words, membrane_table
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.surrogate.membrane import OF_THE_MESH
 
@@ -151,6 +154,36 @@ def test_a_wrong_law_is_improbable_where_lengths_are_exact(capsules):
     assert [law.name for law in found.laws] == ["none of them", "Blatz-Ko", "Skalak"]
     assert sum(law.probability for law in found.laws) == pytest.approx(1.0)
     assert found.laws[1].probability > found.laws[2].probability  # with K = 3 the first is neo-Hookean
+
+
+def test_the_range_of_the_probability_of_a_law_is_that_over_the_errors_of_the_model():
+    odds = 3.5 + 3.0 * stats.norm.ppf((np.arange(FUNCTIONS) + 0.5) / FUNCTIONS)
+    logs = {"general": np.zeros(FUNCTIONS), "Skalak": odds}
+    laws = with_odds([(name, Sampled(None, None, log, 0.1, ()), {}) for name, log in logs.items()])
+    assert laws[1].probability == pytest.approx(np.mean(expit(odds)))
+    assert laws[1].over_errors == pytest.approx(expit(3.5 + 3.0 * stats.norm.ppf([0.05, 0.95])), abs=0.01)
+    assert laws[0].over_errors == pytest.approx(1.0 - np.array(laws[1].over_errors[::-1]))
+
+
+@pytest.mark.parametrize(
+    ("probability", "over_errors", "words"),
+    [
+        (0.99, (0.96, 1.0), "The membrane obeys the Skalak law: 99 to 1 against"),
+        (0.97, (0.8, 1.0), "The membrane rather obeys the Skalak law, 32 to 1 against"),
+        (0.97, (0.4, 1.0), "The model's own error could decide between Skalak (40.0 to 100.0 %) and none of them"),
+        (0.8, (0.79, 0.81), "The membrane rather obeys the Skalak law, 4 to 1 against"),
+        (0.6, (0.59, 0.61), "The capsules do not tell the law: the Skalak law against a general law stands"),
+    ],
+)
+def test_a_law_is_named_only_if_no_error_of_the_model_could_decide_it(known, probability, over_errors, words):
+    general = LawOdds(
+        "none of them", 1.0 - probability, (1.0 - over_errors[1], 1.0 - over_errors[0]), 0.1, True, known.draws
+    )
+    skalak = LawOdds("Skalak", probability, over_errors, 0.1, True, known.draws)
+    found = replace(known, laws=(general, skalak))
+    assert law_words(found).startswith(words)
+    assert f"{100.0 * over_errors[0]:.1f} to {100.0 * over_errors[1]:.1f} %" in law_table(found).to_string()
+    assert found.as_dict()["laws"][1]["probability_over_model_errors"] == list(over_errors)
 
 
 def test_pictures_of_one_capsule_have_one_modulus(capsules):

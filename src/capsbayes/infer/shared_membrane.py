@@ -488,6 +488,7 @@ class LawOdds:
 
     name: str
     probability: float  # among the laws that were tried, if all are as likely before
+    over_errors: tuple[float, float]  # 5 and 95 % quantiles of it over the errors that the model may have
     log_error: float  # standard error of the logarithm of its evidence
     usable: bool  # whether its gates passed
     draws: Mapping[str, Floats]  # as of `SharedMembrane`
@@ -613,6 +614,7 @@ class SharedMembrane(Readable):
         return {
             "name": law.name,
             "probability": law.probability,
+            "probability_over_model_errors": list(law.over_errors),
             "log_error": law.log_error,
             "usable": law.usable,
             "surface_shear_modulus": Marginal.of_draws(law.draws["surface_shear_modulus"]).as_dict(),
@@ -657,6 +659,7 @@ ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one
 
 _DRAWS = 1000
 _DRAWS_AT_ONCE = 50  # draws whose capsules are drawn together
+_NEARLY_NONE = 0.05  # of the model's errors, which a range of the probability of a law leaves out at each end
 _MANY = 200  # capsules for which worker processes take less time than they need to start
 
 
@@ -750,7 +753,7 @@ def identify_membrane(
             [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
         ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
-        laws=_with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
+        laws=with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
         prior=prior_of_each,
         leaning=range_leanings(draws, model.coordinates, prior_of_each),
         experiment=experiment,
@@ -918,12 +921,20 @@ def drawn_log_moduli(
     return np.asarray(middle + np.sqrt(share) * spread[:, None] * rng.standard_normal(seen.shape))
 
 
-def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
+def with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
+    """Return the laws with their probabilities, from what was sampled under each."""
     logs = np.array([sampled.log_evidence for _, sampled, _ in assumed])
-    shares = softmax(logs, axis=0).mean(axis=1)  # under each error of the model
+    under_each_error = softmax(logs, axis=0)
     return tuple(
-        LawOdds(name, float(share), sampled.evidence_error, all(g.passed for g in sampled.gates), draws)
-        for (name, sampled, draws), share in zip(assumed, shares, strict=True)
+        LawOdds(
+            name=name,
+            probability=float(shares.mean()),
+            over_errors=(float(np.quantile(shares, _NEARLY_NONE)), float(np.quantile(shares, 1.0 - _NEARLY_NONE))),
+            log_error=sampled.evidence_error,
+            usable=all(gate.passed for gate in sampled.gates),
+            draws=draws,
+        )
+        for (name, sampled, draws), shares in zip(assumed, under_each_error, strict=True)
     )
 
 
