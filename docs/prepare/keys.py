@@ -36,8 +36,8 @@ HEAD = """
 ## Keys of `--json`
 
 Numbers are in SI, or in the units of the [table of quantities](../method.md#units). A quantity with an interval has
-`median`, `mean`, `sd`, `lower_68`, `upper_68`, `lower_95` and `upper_95`, a check `name`, `value`, `wanted`, `passed`.
-What does not apply is `null`, or is left out.
+`median`, `mean`, `sd`, `lower_68`, `upper_68`, `lower_95` and `upper_95`, a check `name`, `value`, `wanted`, `passed`,
+and a `caveat` where a p-value passes but is small. What does not apply is `null`, or is left out.
 """
 MEANINGS = {
     "agreement": "largest differences of the two engines; of `batch`, between rows and sampled capsules",
@@ -46,7 +46,7 @@ MEANINGS = {
     "best": "the flow rate to choose, and what is expected at it",
     "candidates": "each effect that was tried: size, odds, G_s with it, what remains unexplained",
     "capillary_number": "Ca",
-    "capsules": "number of capsules; of `membrane`, a list with misfit, G_s and a of each",
+    "capsules": "number of capsules; of `membrane`, a list with misfit, G_s, K_s and a of each",
     "changes_by_the_missing": "how much the answers change by accounting for capsules that cannot be in the sample",
     "confidence": "level of the intervals of the indices",
     "cross_section": "cross-section of the channel",
@@ -71,7 +71,7 @@ MEANINGS = {
     "inputs": "measured and stated numbers with their errors; of a budget, the share of each in the variance",
     "iterations": "number of Newton steps",
     "largest_change_without_them": "largest change of an index without the samples that have no shape",
-    "laws": "the membrane laws that were compared: probability, its error, G_s under each",
+    "laws": "the membrane laws that were compared: probability, its range over model errors, G_s under each",
     "least_stretch": "smallest Lambda of the capsules kept",
     "left_out": "capsules that could not be used, with the reason",
     "level": "significance level of the finding",

@@ -85,6 +85,7 @@ _SHOWN = {  # unit and factor of the display, by the unit of the table; any othe
 _TABLE = (
     # of the capsule
     ("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "shear modulus of the membrane"),
+    ("surface_dilation_modulus", "K_s", r"K_\mathrm{s}", "N/m", "area dilation modulus of the membrane, K times G_s"),
     ("capsule_radius", "a", "a", "m", "radius of the capsule at rest"),
     ("bending", "B", "B", "G_s a^2", "bending modulus of the membrane"),
     ("membrane_thickness", "t", "t", "m", "thickness of the membrane"),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from capsbayes.infer.checks import agreement
+from capsbayes.infer.checks import Gate, agreement
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.sampling import chain_gates, ess_gates
 from capsbayes.infer.verdict import leaning
@@ -89,3 +89,27 @@ def test_the_share_of_a_posterior_next_to_a_border():
     far, near = leaning(draws, ("x",), lambda x: x < 2.0), leaning(draws, ("x",), lambda x: x < np.exp(0.1))
     assert far == 0.0
     assert near == pytest.approx(0.31, abs=0.02)  # beyond half a standard deviation, to one from the mean
+
+
+@pytest.mark.parametrize(
+    ("p_value", "tested", "passed", "said"),
+    [
+        (0.004, 1, False, ""),
+        (0.009, 1, True, "is 0.009. Were the model and the stated errors right, it would be below 0.05 in 5 % of"),
+        (0.06, 1, True, ""),
+        (0.0024, 2, False, ""),
+        (
+            0.024,
+            2,
+            True,
+            "it would be below 0.025 in 2.5 % of measurements at most; below 0.0025 the intervals are not",
+        ),
+        (0.026, 2, True, ""),
+    ],
+)
+def test_a_p_value_is_said_below_a_twentieth_and_refused_below_a_half_per_cent(p_value, tested, passed, said):
+    """Of several, the least has these levels."""
+    gate = Gate.of_p_value("p-value of a misfit", p_value, tested)
+    assert gate.passed is passed
+    assert (said in gate.caveat) if said else (gate.caveat == "")
+    assert gate.as_dict().get("caveat", "") == gate.caveat

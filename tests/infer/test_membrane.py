@@ -1,13 +1,17 @@
 """What is known of a membrane, as a model and a prior."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from membrane_model import MembraneModel
+from polynomial_model import PolynomialModel
 
 from capsbayes.errors import InputError
 from capsbayes.infer import Membrane, Prior, identify
-from capsbayes.infer.prior import LAWS, refuse_membrane
+from capsbayes.infer.prior import LAWS, Marginal, refuse_membrane
 from capsbayes.physics.membrane import GeneralLaw, NeoHookean, Skalak
+from capsbayes.report.posterior import quantity_table
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 MEASURED = """experiment = "experiment.toml"
@@ -15,6 +19,9 @@ MEASURED = """experiment = "experiment.toml"
 axial_extent = "2.14 +/- 0.02"
 capsule_velocity = "6.2 +/- 0.06 mm/s"
 """
+
+
+ALL_KNOWN = {"area_dilation_modulus": 2.0, "strain_hardening": 0.4, "pre_inflation": 0.01, "bending": 2e-4}
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +119,30 @@ def test_mistakes_are_named(model, stated, message):
 def test_a_model_without_these_coordinates_is_refused():
     with pytest.raises(InputError, match=r"expected nothing, as .* does not have it"):
         Membrane("neo-Hookean").applied(Surrogate.open("square-neo-hookean"), Prior())
+
+
+@pytest.mark.parametrize("flow_rate", [None, "0.63 +/- 0.02 uL/min"])
+@pytest.mark.parametrize("stated", [{}, {"area_dilation_modulus": 2.0}, dict(ALL_KNOWN)])
+def test_the_area_dilation_modulus_is_that_of_each_draw(model, capsule, experiment, flow_rate, stated):
+    """K known or not, with further unknowns or a grid, and with one source of the mean velocity or two."""
+    measured = replace(capsule, flow_rate=flow_rate)
+    found = identify(
+        measured, model, experiment, seed=1, engine="quadrature", membrane=Membrane(**stated), error_budget=False
+    )
+    assert list(found.marginals)[:2] == ["surface_shear_modulus", "surface_dilation_modulus"]
+    draws, marginal = found.draws, found.marginals["surface_dilation_modulus"]
+    ratio = draws["surface_dilation_modulus"] / draws["surface_shear_modulus"]
+    np.testing.assert_allclose(ratio, draws.get("area_dilation_modulus", 2.0))
+    drawn = Marginal.of_draws(draws["surface_dilation_modulus"])
+    for end in ("median", "lower_68", "upper_68", "lower_95", "upper_95"):
+        assert getattr(marginal, end) == pytest.approx(getattr(drawn, end), abs=0.1 * marginal.sd), end
+    assert "K_s [mN/m]" in quantity_table(found).to_string()
+    assert found.as_dict()["quantities"]["surface_dilation_modulus"]["unit"] == "N/m"
+
+
+def test_a_model_without_it_has_no_area_dilation_modulus(capsule, experiment):
+    found = identify(capsule, PolynomialModel(), experiment, seed=1, engine="quadrature", error_budget=False)
+    assert "surface_dilation_modulus" not in {*found.draws, *found.marginals}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from capsbayes import Experiment, Measurement, MembraneSurrogate, Posterior, Sur
 from capsbayes.errors import InputError
 from capsbayes.infer import Prior
 from capsbayes.infer.batch import identify_folder
-from capsbayes.infer.verdict import LEVEL
+from capsbayes.infer.checks import REFUSED_P
 from capsbayes.physics.channel import cross_section_named
 from capsbayes.report.posterior import caveats, check_table
 from capsbayes.status import Status
@@ -41,7 +41,7 @@ def test_a_prior_in_conflict_with_the_lengths_is_said_within_seconds(surrogate, 
     posterior = identify(ovalbumin, surrogate, channel, seed=1, engine=engine, prior=Prior(prior))
     assert time.process_time() - begun < 30.0
     assert posterior.status is Status.LENGTHS_MISFIT
-    assert min(posterior.p_values.values()) < 1e-3 * LEVEL
+    assert min(posterior.p_values.values()) < 1e-6
     assert any("predictive p-value of L_" in sentence for sentence in caveats(posterior))
 
 
@@ -112,7 +112,7 @@ def test_rows_of_a_table_say_the_same(surrogate, channel, tmp_path):
     )
     expected = ["DONE", "FLOW_CONFLICT", "DONE", "LENGTHS_MISFIT", "DONE", "UNUSABLE", "UNUSABLE", "INERTIA"]
     assert found["status"].tolist() == expected
-    assert found["p_value_flow_rate"][1] < 1e-6 < LEVEL < found["p_value_flow_rate"][0]
+    assert found["p_value_flow_rate"][1] < 1e-6 < REFUSED_P < found["p_value_flow_rate"][0]
     assert found["reynolds_number"][7] > 20.0
     assert "a distribution" in found["reason"][5]
     assert "as shapes of these lengths have, got the prior 5 +/- 0.1 mN/m" in found["reason"][6]

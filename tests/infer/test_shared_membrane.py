@@ -14,9 +14,20 @@ from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane, Prior
 from capsbayes.infer.conditional import Capsules
-from capsbayes.infer.shared_membrane import FUNCTIONS, averaged, identify_membrane, log_density_variance
+from capsbayes.infer.shared_membrane import (
+    FUNCTIONS,
+    MISFIT,
+    LawOdds,
+    Sampled,
+    averaged,
+    identify_membrane,
+    log_density_variance,
+    with_odds,
+)
+from capsbayes.infer.verdict import RANGE
 from capsbayes.measurement import Measurement
 from capsbayes.prediction import Prediction
+from capsbayes.report.membrane import caveats, law_table, law_words, membrane_table
 from capsbayes.surrogate import MembraneSurrogate
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
@@ -80,6 +91,9 @@ def test_each_capsule_has_its_own_modulus_and_radius(known, capsules):
     held = [one.contains(modulus, level=95) for one, modulus in each]
     assert np.mean(held) > 0.7
     assert all(abs(one.median / 22.5e-6 - 1.0) < 0.15 for one in known.of_each("capsule_radius"))
+    for ending in ("", "_each"):
+        ratio = known.draws[f"surface_dilation_modulus{ending}"] / known.draws[f"surface_shear_modulus{ending}"]
+        np.testing.assert_allclose(ratio, 3.0)
     both = known.moduli_by_flow()
     assert both[0].median == pytest.approx(both[1].median, rel=0.2)
 
@@ -91,7 +105,39 @@ def test_the_file_holds_draws_and_summary(known, tmp_path):
         middle = np.median(stored["pre_inflation"])
     assert summary["quantities"]["pre_inflation"]["median"] == pytest.approx(middle)
     assert [capsule["name"] for capsule in summary["capsules"]] == list(known.names)
+    assert all("surface_dilation_modulus" in of_one for of_one in (summary["quantities"], *summary["capsules"]))
+    assert "K_s [mN/m]" in membrane_table(known).to_string()
     assert summary["status"] == known.status.name
+
+
+@pytest.mark.parametrize(
+    ("p_value", "status", "said"), [(0.06, "DONE", 0), (0.009, "DONE", 1), (0.004, "SHAPES_MISFIT", 1)]
+)
+def test_a_misfit_is_said_before_it_is_refused(capsules, monkeypatch, p_value, status, said):
+    def misfit(found, *place):
+        square = stats.chi2.isf(p_value, found.batch.known.sum()) - found.batch.left.sum()
+        return np.full((1000, 8), square / 8)
+
+    monkeypatch.setattr(Capsules, "misfit", misfit)
+    found = identified(capsules[0], Membrane("neo-Hookean", bending=1e-4, pre_inflation=0.03))
+    sentences = [sentence for sentence in caveats(found) if MISFIT in sentence]
+    assert found.status.name == status
+    assert len(sentences) == said
+    assert all(f"{p_value:g}" in sentence for sentence in sentences)
+    gate = next(gate for gate in found.as_dict()["gates"] if gate["name"] == MISFIT)
+    assert gate.get("caveat") == (sentences[0] if p_value == 0.009 else None)
+
+
+def test_a_parameter_at_an_end_of_its_range_is_said(capsules):
+    """Of membranes whose inflation is known and wrong, K makes up for it as far as its range reaches."""
+    found = identified(capsules[0], Membrane(strain_hardening=0.0, bending=1e-4, pre_inflation=0.1))
+    dilation = found.draws["area_dilation_modulus"]
+    for name, k in (("", dilation), ("_each", dilation[:, None])):
+        moduli = k * found.draws[f"surface_shear_modulus{name}"]
+        np.testing.assert_allclose(found.draws[f"surface_dilation_modulus{name}"], moduli)
+    share = found.as_dict()["share_next_to_border"][f"{RANGE}area_dilation_modulus"]
+    assert share == found.leaning[f"{RANGE}area_dilation_modulus"] > 0.2
+    assert any("next to the end of the range of the model in K." in sentence for sentence in caveats(found))
 
 
 def test_nothing_changes_with_the_order_of_capsules_but_rounding(known, capsules):
@@ -107,6 +153,36 @@ def test_a_wrong_law_is_improbable_where_lengths_are_exact(capsules):
     assert [law.name for law in found.laws] == ["none of them", "Blatz-Ko", "Skalak"]
     assert sum(law.probability for law in found.laws) == pytest.approx(1.0)
     assert found.laws[1].probability > found.laws[2].probability  # with K = 3 the first is neo-Hookean
+
+
+def test_the_range_of_the_probability_of_a_law_is_that_over_the_errors_of_the_model():
+    odds = 3.5 + 3.0 * stats.norm.ppf((np.arange(FUNCTIONS) + 0.5) / FUNCTIONS)
+    logs = {"general": np.zeros(FUNCTIONS), "Skalak": odds}
+    laws = with_odds([(name, Sampled(None, None, log, 0.1, ()), {}) for name, log in logs.items()])
+    assert laws[1].probability == pytest.approx(np.mean(expit(odds)))
+    assert laws[1].over_errors == pytest.approx(expit(3.5 + 3.0 * stats.norm.ppf([0.05, 0.95])), abs=0.01)
+    assert laws[0].over_errors == pytest.approx(1.0 - np.array(laws[1].over_errors[::-1]))
+
+
+@pytest.mark.parametrize(
+    ("probability", "over_errors", "words"),
+    [
+        (0.99, (0.96, 1.0), "The membrane obeys the Skalak law: 99 to 1 against"),
+        (0.97, (0.8, 1.0), "The membrane rather obeys the Skalak law, 32 to 1 against"),
+        (0.97, (0.4, 1.0), "The model's own error could decide between Skalak (40.0 to 100.0 %) and none of them"),
+        (0.8, (0.79, 0.81), "The membrane rather obeys the Skalak law, 4 to 1 against"),
+        (0.6, (0.59, 0.61), "The capsules do not tell the law: the Skalak law against a general law stands"),
+    ],
+)
+def test_a_law_is_named_only_if_no_error_of_the_model_could_decide_it(known, probability, over_errors, words):
+    general = LawOdds(
+        "none of them", 1.0 - probability, (1.0 - over_errors[1], 1.0 - over_errors[0]), 0.1, True, known.draws
+    )
+    skalak = LawOdds("Skalak", probability, over_errors, 0.1, True, known.draws)
+    found = replace(known, laws=(general, skalak))
+    assert law_words(found).startswith(words)
+    assert f"{100.0 * over_errors[0]:.1f} to {100.0 * over_errors[1]:.1f} %" in law_table(found).to_string()
+    assert found.as_dict()["laws"][1]["probability_over_model_errors"] == list(over_errors)
 
 
 def test_pictures_of_one_capsule_have_one_modulus(capsules):

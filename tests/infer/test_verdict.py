@@ -7,7 +7,9 @@ import pytest
 from membrane_model import RANGES, MembraneModel
 
 from capsbayes.infer.importance import exact_engine
-from capsbayes.infer.verdict import RANGE, leanings, range_leanings, shares_by_kind, verdict
+from capsbayes.infer.verdict import ONE_END, RANGE, leanings, range_leanings, shares_by_kind, verdict
+from capsbayes.parameters import PARAMETERS
+from capsbayes.report.posterior import border_words
 from capsbayes.status import Status
 
 NAMES = ("pre_inflation", "area_dilation_modulus", "strain_hardening", "bending")
@@ -63,22 +65,48 @@ def test_a_posterior_at_the_ends_of_several_ranges_leans_on_the_border(status, p
     assert status(**places) is wanted
 
 
-def test_a_parameter_that_the_data_do_not_tell_fills_its_range(model, prior, status):
-    assert range_leanings(draws(**dict.fromkeys(NAMES)), model, prior) == {}
+def test_a_parameter_that_the_data_do_not_tell_fills_its_range(prior, status):
+    assert range_leanings(draws(**dict.fromkeys(NAMES)), RANGES, prior.uncertain) == {}
     assert status(**dict.fromkeys(NAMES)) is Status.DONE
 
 
-def test_a_neo_hookean_membrane_without_inflation_is_at_no_border(model, prior, status):
+def test_a_neo_hookean_membrane_without_inflation_is_at_no_border(prior, status):
     """No inflation and no hardening are ends of ranges, and the null values of the model."""
-    found = range_leanings(draws(pre_inflation=0.0, strain_hardening=0.0), model, prior)
+    found = range_leanings(draws(pre_inflation=0.0, strain_hardening=0.0), RANGES, prior.uncertain)
     assert found[f"{RANGE}pre_inflation"] < 0.01
     assert found[f"{RANGE}strain_hardening"] < 0.01
     assert status(pre_inflation=0.0, strain_hardening=0.0) is Status.DONE
 
 
-def test_bending_of_a_known_thickness_has_no_range(model, prior):
+def test_bending_of_a_known_thickness_has_no_range(prior):
     by_thickness = replace(prior, coordinates={name: prior.coordinates[name] for name in NAMES if name != "bending"})
-    assert f"{RANGE}bending" not in range_leanings(draws(bending=1.0), model, by_thickness)
+    assert f"{RANGE}bending" not in range_leanings(draws(bending=1.0), RANGES, by_thickness.uncertain)
+
+
+@pytest.mark.parametrize(
+    ("name", "turned", "piles_up"),
+    [
+        ("bending", True, True),
+        ("area_dilation_modulus", False, True),
+        ("strain_hardening", True, True),
+        ("strain_hardening", False, False),
+        ("pre_inflation", False, False),
+    ],
+)
+def test_a_wide_posterior_that_piles_up_on_one_end_is_said_and_none_at_a_null_value(
+    prior, status, model, name, turned, piles_up
+):
+    """Its density falls to a tenth from one end of the range to the other, so that it is as wide as half the prior."""
+    share = -np.log1p(-0.9 * (np.arange(20_000) + 0.5) / 20_000) / np.log(10.0)
+    ends, drawn = RANGES[name], draws(**dict.fromkeys(NAMES))
+    share = 1.0 - share if turned else share
+    drawn[name] = ends.low * (ends.high / ends.low) ** share if ends.logarithmic else ends.high * share
+    found = range_leanings(drawn, RANGES, prior.uncertain)
+    assert list(found) == ([f"{ONE_END}{name}"] if piles_up else [])
+    assert all(share > 0.2 for share in found.values())
+    assert verdict((), None, leanings(drawn, model, prior)) is Status.DONE
+    words = f"next to the end of the range of the model in {PARAMETERS[name].symbol}."
+    assert any(words in sentence for sentence in border_words(found)) is piles_up
 
 
 def test_the_share_of_several_ranges_is_the_second_largest():

@@ -12,8 +12,9 @@ from simulated_capsules import mistakes, simulated_capsules
 from capsbayes.experiment import Experiment, mean_velocity
 from capsbayes.infer import Quadrature
 from capsbayes.infer.batch import Run
+from capsbayes.infer.checks import REFUSED_P
 from capsbayes.infer.prior import Prior
-from capsbayes.infer.verdict import LEVEL, PREDICTED, p_values
+from capsbayes.infer.verdict import PREDICTED, p_values
 from capsbayes.quantity import Quantity
 
 EXPERIMENT = Experiment(cross_section="square", half_width=Quantity(25e-6, 0.25e-6), viscosity=Quantity(0.85, 0.03))
@@ -62,15 +63,18 @@ def test_false_alarms_and_conflicts_of_twenty_thousand_rows():
     capsules = list(simulated_capsules(MODEL, EXPERIMENT, 20_000, np.random.default_rng(11), **ERRORS))
     seen = [capsule.seen for capsule in capsules]
     run = Run(MODEL, EXPERIMENT, Prior(), 1)
-    for name, found in zip(PREDICTED, rows_of(seen, run).p_values.T, strict=True):
-        flagged = int(np.count_nonzero(found < LEVEL))
-        low, high = stats.binom.interval(0.999, len(seen), LEVEL)
+    level, rows = REFUSED_P / len(PREDICTED), rows_of(seen, run)
+    alarms = {name: rows[f"p_value_{name}"] < level for name in PREDICTED}
+    alarms["any of them"] = np.isin(rows["status"], ["LENGTHS_MISFIT", "FLOW_CONFLICT"])
+    for name, raised in alarms.items():
+        flagged = int(np.count_nonzero(raised))
+        low, high = stats.binom.interval(0.999, len(seen), REFUSED_P if name == "any of them" else level)
         print(f"{name}: {flagged} of {len(seen)} flagged, nominal {low:.0f} to {high:.0f}")
         assert low <= flagged <= high
     some = seen[:1000]
     for factor in (0.5, 0.8, 1.2, 2.0, 10.0):
         wrong = [replace(m, flow_rate=Quantity(factor * m.flow_rate, factor * m.flow_rate_error)) for m in some]
-        flagged = np.mean(rows_of(wrong, run).p_values[:, PREDICTED.index("flow_rate")] < LEVEL)
+        flagged = np.mean(rows_of(wrong, run)["p_value_flow_rate"] < level)
         print(f"flow rate times {factor:g}: {flagged:.3f} flagged")
         assert flagged > (0.99 if abs(np.log(factor)) > 0.5 else 0.5)
 

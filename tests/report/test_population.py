@@ -46,6 +46,15 @@ def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     assert "Do not use the intervals of the population" in plain(page)
 
 
+@pytest.mark.parametrize(("small", "said"), [(1, False), (3, True)])
+def test_more_small_p_values_than_expected_are_said(small, said):
+    p_values = np.where(np.arange(8) < small, 0.03, 0.5)
+    one = Population.of_dataset(population().dataset.assign(p_value_axial_length=("capsule", p_values)))
+    sentence = f"{small} of 8 predictive p-values of the lengths and flow rates are below 0.05, where 0 would be"
+    assert any(sentence in str(part) for part in population_parts(one)) is said
+    assert (sentence in plain(population_page(one))) is said
+
+
 def test_worst_come_first():
     one = population()
     order = one.worst_first()

@@ -14,6 +14,8 @@ from capsbayes.parameters import COORDINATES
 MEANS_AGREE, SDS_AGREE = 0.1, 0.02
 _QUANTILES_AGREE = 0.1
 
+REFUSED_P, DOUBTFUL_P = 0.005, 0.05  # p-values below which intervals are not to be used, and below which it is said
+
 
 @dataclass(frozen=True)
 class Gate:
@@ -23,6 +25,12 @@ class Gate:
     value: float
     least: float = -np.inf
     most: float = np.inf
+    doubtful: float = -np.inf  # below it, a number that passes is said
+
+    @classmethod
+    def of_p_value(cls, name: str, p_value: float, tested: int = 1) -> Gate:
+        """Return the gate on one of several independent p-values, of which the least has the stated levels."""
+        return cls(name, p_value, least=REFUSED_P / tested, doubtful=DOUBTFUL_P / tested)
 
     @property
     def passed(self) -> bool:
@@ -35,9 +43,21 @@ class Gate:
         ends = {"at least": self.least, "at most": self.most}
         return " and ".join(f"{words} {end:g}" for words, end in ends.items() if np.isfinite(end))
 
+    @property
+    def caveat(self) -> str:
+        """What a p-value that passes but is small means, and what would be expected; else empty."""
+        if not self.passed or self.value >= self.doubtful:
+            return ""
+        return (
+            f"The {self.name} is {self.value:.2g}. Were the model and the stated errors right, it would be below "
+            f"{self.doubtful:.2g} in {100.0 * self.doubtful:.2g} % of measurements at most; below {self.least:.2g} the "
+            "intervals are not to be used."
+        )
+
     def as_dict(self) -> dict[str, float | str | bool]:
-        """Return name, value, limits in words and the outcome, for files."""
-        return {"name": self.name, "value": float(self.value), "wanted": self.wanted, "passed": self.passed}
+        """Return name, value, limits in words, the outcome and the caveat if there is one, for files."""
+        caveat = {"caveat": self.caveat} if self.caveat else {}
+        return {"name": self.name, "value": float(self.value), "wanted": self.wanted, "passed": self.passed, **caveat}
 
     def __str__(self) -> str:
         return f"{self.name}: {self.value:.4g}, wanted {self.wanted}{'' if self.passed else ' (FAILED)'}"

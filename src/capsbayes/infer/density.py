@@ -34,7 +34,7 @@ from capsbayes.infer.log_grid import LogGrid
 from capsbayes.infer.outline import AnyOutline
 from capsbayes.infer.prior import THICKNESS, Coordinate, Inputs, Prior
 from capsbayes.measurement import Measurement
-from capsbayes.model import ForwardModel
+from capsbayes.model import FixedParameters, ForwardModel
 from capsbayes.quantity import Quantity
 
 _ROUNDS = 13  # rounds of redrawing inputs outside the prior ranges; each round draws twice as many
@@ -55,6 +55,7 @@ class PosteriorDensity:
     error_scale: float = 1.0  # factor on the standard errors of the model, one except in sensitivity studies
     coordinates: tuple[Coordinate, ...] = ()  # further coordinates of the model, on which the shape depends too
     outline: AnyOutline | None = None  # in place of the lengths, which then only serve to find the posterior
+    dilation: float | None = None  # K = K_s / G_s, where the model has it and it is known
     _tables: dict[Quantity, tuple[Floats, Floats]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -65,9 +66,11 @@ class PosteriorDensity:
         prior: Prior,
         error_scale: float = 1.0,
         coordinates: tuple[Coordinate, ...] = (),
+        dilation: float | None = None,
     ) -> PosteriorDensity:
         """Return the posterior density given a measurement."""
-        return cls(LengthsLikelihood.of(measurement), prior, inputs, error_scale, coordinates)
+        likelihood = LengthsLikelihood.of(measurement)
+        return cls(likelihood, prior, inputs, error_scale, coordinates, dilation=dilation)
 
     def evaluated(
         self,
@@ -260,6 +263,9 @@ class PosteriorDensity:
             derived[THICKNESS] = membrane_thickness(
                 bending=derived["bending"], capsule_radius=derived["capsule_radius"]
             )
+        dilation = derived.get("area_dilation_modulus", self.dilation)
+        if dilation is not None:
+            derived["surface_dilation_modulus"] = dilation * derived["surface_shear_modulus"]
         return derived | {
             "stretch_ratio": model.stretch_ratio,
             "axial_extent": model.extent,
@@ -321,6 +327,11 @@ class PosteriorDensity:
         modulus, radius = at_mean["surface_shear_modulus"], at_mean["capsule_radius"]
         g, a = self.prior.surface_shear_modulus, self.prior.capsule_radius
         return (modulus >= g.low) & (modulus <= g.high) & (radius >= a.low) & (radius <= a.high)
+
+
+def dilation_of(model: ForwardModel) -> float | None:
+    """Return K = K_s / G_s of a model in which it is fixed, else None."""
+    return model.values.get("area_dilation_modulus") if isinstance(model, FixedParameters) else None
 
 
 def rejection_sample(

@@ -188,6 +188,7 @@ def _changes(values: Floats) -> tuple[Floats, Floats]:
 # without draws
 
 _NEGLIGIBLE = 1e-9  # of the largest probability of a node
+_MODULI = ("surface_shear_modulus", "surface_dilation_modulus")
 _DRAWS = 200_000  # where a prior range cuts, so that the inputs are no longer independent of the shape
 
 
@@ -208,6 +209,11 @@ class ExactPosterior(abc.ABC):
     @abc.abstractmethod
     def kept(self) -> tuple[Floats, Nodes, Floats | None]:
         """Nodes that carry the posterior: probabilities (m,), nodes and l (m,) where it is a dimension."""
+
+    @property
+    def log_dilation(self) -> Floats | float | None:
+        """Log of K = K_s / G_s; None for a model without it."""
+        return None if self.density.dilation is None else float(np.log(self.density.dilation))
 
     @property
     @abc.abstractmethod
@@ -279,9 +285,9 @@ class ExactPosterior(abc.ABC):
         if name == "mean_velocity":
             slower = self._binned(-log_ratio, 0.0).times(LogGrid.normal(variance))
             return slower.times(density.capsule_velocity)
-        if name == "surface_shear_modulus":
-            divided = self._binned(-log_ca - log_ratio, du).times(LogGrid.normal(variance))
-            return divided.times(density.force_scale)
+        if name in _MODULI:
+            divided = self._binned(self._log_dilation_of(name) - log_ca - log_ratio, du)
+            return divided.times(LogGrid.normal(variance)).times(density.force_scale)
         raise KeyError(name)
 
     def _given_flow(self, name: str) -> LogGrid:
@@ -297,14 +303,19 @@ class ExactPosterior(abc.ABC):
         log_flow = log_speed - log_ratio + flow_change
         logs, least, spread = {
             "mean_velocity": (log_flow, 0.0, variances[0]),
-            "surface_shear_modulus": (log_flow - log_ca, du, variances[0]),
+            **dict.fromkeys(_MODULI, (log_flow - log_ca + self._log_dilation_of(name), du, variances[0])),
             "half_width": (log_width + width_change, 0.0, variances[1]),
             "capsule_radius": (log_width + width_change + log_size, ds if width is None else 0.0, variances[1]),
             "capsule_velocity": (log_speed + speed_change, 0.0, variances[2]),
             "velocity_ratio": (log_ratio + ratio_change, 0.0, variances[3]),
         }[name]
         found = self._binned(logs, least).times(LogGrid.normal(float(spread)))
-        return found.times(density.viscosity) if name == "surface_shear_modulus" else found
+        return found.times(density.viscosity) if name in _MODULI else found
+
+    def _log_dilation_of(self, name: str) -> Floats | float:
+        """Return ln(K_s / G_s) for K_s, and zero for any other quantity."""
+        log_dilation = self.log_dilation if name == "surface_dilation_modulus" else None
+        return 0.0 if log_dilation is None else log_dilation
 
     def _length(self, name: str) -> LogGrid:
         width = self.kept[2]

@@ -536,7 +536,9 @@ def _reported(grid: ExactPosterior) -> tuple[str, ...]:
     """Return the names of the quantities that are reported: a thickness of the membrane with the bending it tells."""
     names = [coordinate.name for coordinate in grid.density.coordinates]
     known = set(OF_VELOCITY) if grid.density.inputs.viscous_tension else set()
-    return (*(name for name in REPORTED if name not in known), *dict.fromkeys((*names, *grid.density.prior.uncertain)))
+    modulus, *others = (name for name in REPORTED if name not in known)
+    moduli = (modulus, *(["surface_dilation_modulus"] if grid.log_dilation is not None else []))
+    return (*moduli, *others, *dict.fromkeys((*names, *grid.density.prior.uncertain)))
 
 
 def _named_as_given(draws: dict[str, Floats], grid: ExactPosterior) -> dict[str, Floats]:

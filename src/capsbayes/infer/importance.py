@@ -13,7 +13,7 @@ import numpy as np
 from capsbayes.arrays import Floats, Integers
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.density import PosteriorDensity, dilation_of
 from capsbayes.infer.grid import ExactPosterior, Nodes
 from capsbayes.infer.likelihood import ModelAtPoints
 from capsbayes.infer.outline import outline_likelihood
@@ -127,6 +127,12 @@ class WeightedPosterior(ExactPosterior):
         scores = self.points[:, PLACE : PLACE + len(self.frame.columns)]
         fit = Polynomial.fitted(scores, self._mean_logs[name], self.weights)(scores)
         return float(self.weights @ (fit - self.weights @ fit) ** 2)
+
+    @property
+    def log_dilation(self) -> Floats | float | None:
+        """Log of K = K_s / G_s at each point (n,), or of the known one; None for a model without it."""
+        drawn = self._theta.get("area_dilation_modulus")
+        return super().log_dilation if drawn is None else np.log(drawn)
 
     @property
     def _coordinates(self) -> tuple[str, ...]:
@@ -288,7 +294,9 @@ class ImportanceSampling:
     ) -> WeightedPosterior:
         """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
-        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, self.coordinates)
+        density = PosteriorDensity.of(
+            measurement, inputs, self.prior, error_scale, self.coordinates, dilation_of(self.model)
+        )
         target = self._target(density)
         if near is not None:
             return _next_to(near, target, measurement)

@@ -180,7 +180,7 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
             "frame_rate": rate and {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
-        "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most))] for gate in gates],
+        "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most, gate.doubtful))] for gate in gates],
     }
 
 

@@ -17,7 +17,7 @@ from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.density import PosteriorDensity
+from capsbayes.infer.density import PosteriorDensity, dilation_of
 from capsbayes.infer.grid import COARSE_DROP, CoarseTable, GridPosterior, Nodes, Window
 from capsbayes.infer.likelihood import LengthsLikelihood, ModelAtPoints, resolution
 from capsbayes.infer.outline import AnyOutline, outline_likelihood
@@ -71,7 +71,7 @@ class Quadrature:
     ) -> GridPosterior:
         """Compute the posterior of one capsule."""
         inputs = inputs or self.inputs.with_velocity_of(measurement)
-        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale)
+        density = PosteriorDensity.of(measurement, inputs, self.prior, error_scale, dilation=dilation_of(self.model))
         check_shape(self.model, measurement, with_error_of_half_width(density), self.table.nodes)
         window = self._first_window(measurement, density)
         if measurement.outline is None:

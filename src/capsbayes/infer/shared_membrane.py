@@ -57,6 +57,7 @@ from capsbayes.infer.proposal import (
     tempered,
     weight_gates,
 )
+from capsbayes.infer.verdict import range_leanings
 from capsbayes.measurement import MID_PLANE, Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
@@ -470,11 +471,14 @@ def _nearest(draws: Draws, points: Floats) -> Start:
 
 # The membrane of a batch: its posterior, the capsules, and the odds of known laws
 
-EACH = ("surface_shear_modulus", "capsule_radius", "capillary_number", "pre_inflation")
+EACH = ("surface_shear_modulus", "surface_dilation_modulus", "capsule_radius", "capillary_number", "pre_inflation")
 PREDICTED = ("axial_extent", "axial_length", "velocity_ratio")
 """Quantities of each capsule, and what is predicted of it: their draws are named with ``_each``."""
 
-_POPULATION = ("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread", "inflation_spread")
+_POPULATION = (
+    *("surface_shear_modulus", "surface_dilation_modulus", "modulus_spread"),
+    *("capsule_radius", "radius_spread", "inflation_spread"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -483,6 +487,7 @@ class LawOdds:
 
     name: str
     probability: float  # among the laws that were tried, if all are as likely before
+    over_errors: tuple[float, float]  # 5 and 95 % quantiles of it over the errors that the model may have
     log_error: float  # standard error of the logarithm of its evidence
     usable: bool  # whether its gates passed
     draws: Mapping[str, Floats]  # as of `SharedMembrane`
@@ -495,10 +500,11 @@ class SharedMembrane(Readable):
     Parameters
     ----------
     draws : mapping of arrays
-        The parameters of the membrane by name, ``surface_shear_modulus`` and ``capsule_radius``, means of the
-        population (of ln G_s and of a) in SI, ``modulus_spread`` and ``radius_spread``, relative : (d,) arrays; and
-        for n capsules each of `EACH` and `PREDICTED` with ``_each`` : (d, n) arrays. If the pre-inflation varies,
-        that of the membrane is its median, and ``inflation_spread`` and ``pre_inflation_each`` are there too.
+        The parameters of the membrane by name, ``surface_shear_modulus``, ``surface_dilation_modulus`` and
+        ``capsule_radius``, means of the population (of ln G_s, ln K_s and a) in SI, ``modulus_spread`` and
+        ``radius_spread``, relative : (d,) arrays; and for n capsules each of `EACH` and `PREDICTED` with ``_each`` :
+        (d, n) arrays. If the pre-inflation varies, that of the membrane is its median, and ``inflation_spread`` and
+        ``pre_inflation_each`` are there too.
     names : tuple of str
         Of the capsules.
     flow : (n,) array
@@ -513,6 +519,8 @@ class SharedMembrane(Readable):
         The general law first; empty if not asked for.
     prior : mapping of str to Quantity
         Of the parameters of the membrane that are not known.
+    leaning : mapping of float
+        Share of the posterior next to the ends of the model's ranges, see `capsbayes.infer.verdict`.
     experiment : Experiment
     model_name, model_sha256 : str
     seed : int
@@ -528,6 +536,7 @@ class SharedMembrane(Readable):
     misfit: Floats
     laws: tuple[LawOdds, ...]
     prior: Mapping[str, Quantity]
+    leaning: Mapping[str, float]
     experiment: Experiment
     model_name: str
     model_sha256: str
@@ -580,6 +589,7 @@ class SharedMembrane(Readable):
             "sentence": str(self.status),
             "quantities": {name: marginal.as_dict() for name, marginal in self.marginals.items()},
             "widths_over_prior": self.widths_over_prior(),
+            "share_next_to_border": dict(self.leaning),
             "laws": [self._of_law(law) for law in self.laws],
             "flows": self._of_flows(),
             "capsules": [
@@ -603,6 +613,7 @@ class SharedMembrane(Readable):
         return {
             "name": law.name,
             "probability": law.probability,
+            "probability_over_model_errors": list(law.over_errors),
             "log_error": law.log_error,
             "usable": law.usable,
             "surface_shear_modulus": Marginal.of_draws(law.draws["surface_shear_modulus"]).as_dict(),
@@ -647,7 +658,7 @@ ONE_CAPSULE = (1e-3, 1e-4)  # spreads of ln G_s and of a/l among pictures of one
 
 _DRAWS = 1000
 _DRAWS_AT_ONCE = 50  # draws whose capsules are drawn together
-_LEAST_P = 1e-3
+_NEARLY_NONE = 0.05  # of the model's errors, which a range of the probability of a law leaves out at each end
 _MANY = 200  # capsules for which worker processes take less time than they need to start
 
 
@@ -730,6 +741,7 @@ def identify_membrane(
         results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
     sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
+    prior_of_each = {key_of(one): one.distribution for one in unknowns.coordinates}
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
         draws=draws,
@@ -740,8 +752,9 @@ def identify_membrane(
             [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
         ),
         misfit=_misfit_of_each(batch, draws["misfit"]),
-        laws=_with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
-        prior={key_of(one): one.distribution for one in unknowns.coordinates},
+        laws=with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
+        prior=prior_of_each,
+        leaning=range_leanings(draws, model.coordinates, prior_of_each),
         experiment=experiment,
         model_name=model.name,
         model_sha256=model.sha256,
@@ -866,14 +879,18 @@ def _drawn_membranes(
     if spreads.inflation is not None:
         each = membranes["pre_inflation"][:, None] * np.exp(own[..., 2])
         varying = {"inflation_spread": spreads.inflation, "pre_inflation_each": each}
+    modulus, moduli = np.exp(common[:, MODULUS]) * viscosity, np.exp(log_moduli) * viscosity[:, None]
+    dilation = membranes["area_dilation_modulus"]
     return {
         **membranes,
         **varying,
-        "surface_shear_modulus": np.exp(common[:, MODULUS]) * viscosity,
+        "surface_shear_modulus": modulus,
+        "surface_dilation_modulus": dilation * modulus,
         "capsule_radius": common[:, SIZE] * width,
         "modulus_spread": spreads.modulus,
         "radius_spread": spreads.size / common[:, SIZE],
-        "surface_shear_modulus_each": np.exp(log_moduli) * viscosity[:, None],
+        "surface_shear_modulus_each": moduli,
+        "surface_dilation_modulus_each": dilation[:, None] * moduli,
         "capsule_radius_each": own[..., 1] * width[:, None],
         **seen,
         "misfit": capsules.misfit(membranes, Start(own, common)),
@@ -903,12 +920,20 @@ def drawn_log_moduli(
     return np.asarray(middle + np.sqrt(share) * spread[:, None] * rng.standard_normal(seen.shape))
 
 
-def _with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
+def with_odds(assumed: list[tuple[str, Sampled, dict[str, Floats]]]) -> tuple[LawOdds, ...]:
+    """Return the laws with their probabilities, from what was sampled under each."""
     logs = np.array([sampled.log_evidence for _, sampled, _ in assumed])
-    shares = softmax(logs, axis=0).mean(axis=1)  # under each error of the model
+    under_each_error = softmax(logs, axis=0)
     return tuple(
-        LawOdds(name, float(share), sampled.evidence_error, all(g.passed for g in sampled.gates), draws)
-        for (name, sampled, draws), share in zip(assumed, shares, strict=True)
+        LawOdds(
+            name=name,
+            probability=float(shares.mean()),
+            over_errors=(float(np.quantile(shares, _NEARLY_NONE)), float(np.quantile(shares, 1.0 - _NEARLY_NONE))),
+            log_error=sampled.evidence_error,
+            usable=all(gate.passed for gate in sampled.gates),
+            draws=draws,
+        )
+        for (name, sampled, draws), shares in zip(assumed, under_each_error, strict=True)
     )
 
 
@@ -917,7 +942,7 @@ def _misfit_gate(batch: Batch, misfit: Floats) -> Gate:
     # That of what was measured is compared with that of measurements drawn at the same draws of the posterior, which is
     # chi squared with all the numbers measured: where the model is right, the probability is seldom small.
     square = misfit.sum(axis=1) + batch.left.sum()
-    return Gate(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()), least=_LEAST_P)
+    return Gate.of_p_value(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()))
 
 
 def _misfit_of_each(batch: Batch, misfit: Floats) -> Floats:

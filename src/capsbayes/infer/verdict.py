@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,8 +17,9 @@ from capsbayes.infer.importance import ExactEngine
 from capsbayes.infer.likelihood import NUDGE, border_steps, p_value, p_values_of_lengths
 from capsbayes.infer.prior import Prior
 from capsbayes.measurement import Measurement
-from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, ForwardModel
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, CoordinateRange, ForwardModel
 from capsbayes.parameters import PARAMETERS
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 # Checks of a measurement against the model and the priors: predictive p-values, Reynolds number.
@@ -33,8 +34,6 @@ from capsbayes.status import Status
 
 PREDICTED = ("axial_extent", "axial_length", "flow_rate")
 """Quantities that have a p-value, where they were measured; each is predicted from those before it."""
-
-LEVEL = 1e-3  # p-value below which the measurement contradicts the model and the priors
 
 LARGEST_REYNOLDS_NUMBER = 1.0  # rho U l / mu at which the stress of inertia rho U^2 equals the viscous stress mu U / l
 
@@ -76,12 +75,13 @@ def _log_flow(posterior: ExactPosterior) -> tuple[float, float]:
 
 def misfits_of(found: Mapping[str, float]) -> list[Misfit]:
     """Return the gates on p-values by name, first the one whose failure explains the others."""
-    lengths = dict.fromkeys(PREDICTED, Status.LENGTHS_MISFIT) | {"flow_rate": Status.FLOW_CONFLICT}
-    return [
-        Misfit(Gate(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], least=LEVEL), lengths[name])
-        for name in reversed(PREDICTED)
-        if np.isfinite(found.get(name, np.nan))
-    ]
+    statuses = dict.fromkeys(PREDICTED, Status.LENGTHS_MISFIT) | {"flow_rate": Status.FLOW_CONFLICT}
+    known = [name for name in reversed(PREDICTED) if np.isfinite(found.get(name, np.nan))]
+    gates = {
+        name: Gate.of_p_value(f"predictive p-value of {PARAMETERS[name].symbol}", found[name], len(known))
+        for name in known
+    }
+    return [Misfit(gate, statuses[name]) for name, gate in gates.items()]
 
 
 def inertia(reynolds_number: float) -> Misfit:
@@ -104,9 +104,11 @@ def _of_lengths(engine: ExactEngine, density: PosteriorDensity) -> dict[str, flo
 LEANING_SHARE = 0.05  # share of a posterior next to a border from which on it leans on it
 
 RANGE = "range of "  # how the name of a share next to the ends of a further coordinate's range begins
+ONE_END = "end of the range of "  # the same of a coordinate that the data do not tell, but that piles up on an end
 
 _NEGLIGIBLE = 1e-4  # of the largest probability of a node
 _TOLD = 0.5  # of the prior's probability within 68 %: a coordinate of which the data tell less fills its range anyway
+_PILED = 2.0  # times the prior's probability next to an end, above which a posterior piles up there
 _SEVERAL = 2  # ranges: next to the ends of so many at once, the true membrane may be none of the model
 
 _STATUSES = (
@@ -130,7 +132,7 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     ):
         low, high = limits.low, limits.high
         shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
-    return shares | range_leanings(draws, model, prior)
+    return shares | range_leanings(draws, model.coordinates, prior.uncertain)
 
 
 def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float]:
@@ -150,23 +152,34 @@ def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float
     return shares
 
 
-def range_leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> dict[str, float]:
+def range_leanings(
+    draws: Mapping[str, Floats], ranges: Mapping[str, CoordinateRange], priors: Mapping[str, Quantity]
+) -> dict[str, float]:
     """Return the share of a posterior within half a standard deviation of the ends of each coordinate's range."""
-    # Only coordinates that the data tell have one, as others fill their ranges. An end that is the null value, as no
-    # inflation, is where most membranes are, and none that cuts the posterior.
+    # A coordinate that the data do not tell fills its range: it has one only if it piles up on an end.
     shares = {}
-    for name, ends in model.coordinates.items():
-        known, drawn = prior.uncertain.get(name), np.ravel(draws[name])
-        if known is None or np.diff(known.cdf(np.quantile(drawn, [0.16, 0.84])))[0] > _TOLD * 0.68:
+    for name, ends in ranges.items():
+        if name not in priors:
             continue
-        scaled = np.log if ends.logarithmic else np.asarray
-        values, near = scaled(drawn), 0.5 * float(np.std(scaled(drawn)))
-        next_to = np.zeros(len(values), dtype=bool)
-        for end in (ends.low, ends.high):
-            if end != ends.null_value:
-                next_to |= np.abs(values - scaled(end)) < near
-        shares[f"{RANGE}{name}"] = float(np.mean(next_to))
+        known, drawn = priors[name], np.ravel(draws[name])
+        at_ends = list(_next_to_ends(drawn, ends))
+        piled = [share for share, interval in at_ends if share > _PILED * np.diff(known.cdf(interval))[0]]
+        if np.diff(known.cdf(np.quantile(drawn, [0.16, 0.84])))[0] <= _TOLD * 0.68:
+            shares[f"{RANGE}{name}"] = sum(share for share, _ in at_ends)
+        elif piled:
+            shares[f"{ONE_END}{name}"] = max(piled)
     return shares
+
+
+def _next_to_ends(drawn: Floats, ends: CoordinateRange) -> Iterator[tuple[float, Floats]]:
+    """Yield the share of draws within half a standard deviation of an end, and the interval (2,) that this is."""
+    # An end that is the null value, as no inflation, is where most membranes are, and none that cuts the posterior.
+    scaled, back = (np.log, np.exp) if ends.logarithmic else (np.asarray, np.asarray)
+    values = scaled(drawn)
+    near = 0.5 * float(np.std(values))
+    for end, low, high in ((ends.low, 0.0, near), (ends.high, -near, 0.0)):
+        if end != ends.null_value:
+            yield float(np.mean(np.abs(values - scaled(end)) < near)), back(scaled(end) + np.array([low, high]))
 
 
 def leaning(  # type: ignore[no-untyped-def]

@@ -11,32 +11,46 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capsbayes.infer.prior import Marginal
-from capsbayes.infer.shared_membrane import SharedMembrane
+from capsbayes.infer.shared_membrane import LawOdds, SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import marginal_cells, per_cent, rounded
-from capsbayes.report.posterior import BY_MESH, told_words
+from capsbayes.report.posterior import BY_MESH, border_words, told_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
 
 _MODULUS, _SPEED = PARAMETERS["surface_shear_modulus"], PARAMETERS["mean_velocity"]
-_STRONG, _SOME = 20.0, 3.0  # odds
+_SURE = 0.95  # probability of a law that is named, under nearly every error of the model
+_SOME = 3.0  # odds
 _STYLES = ((INK, "o"), (ACCENT, "s"), (PALE, "D"), (WALL, "^"), (INK, "v"))  # of the laws
 
 
 def law_words(shared: SharedMembrane) -> str:
-    """Say which law the membrane obeys, with the odds against the next; empty if laws were not compared."""
+    """Say which law the membrane obeys, if no error of the model could decide it; empty if laws were not compared."""
     if len(shared.laws) < 2:
         return ""
-    first, second = sorted(shared.laws, key=lambda law: -law.probability)[:2]
+    first, *others = sorted(shared.laws, key=lambda law: -law.probability)
+    second, least = others[0], first.over_errors[0]
+    rivals = [law for law in others if law.over_errors[1] > least]
+    if least <= _SURE and rivals:
+        ranges = [f"{law.name} ({_over_errors(law)})" for law in (first, *rivals)]
+        return (
+            f"The model's own error could decide between {' and '.join(ranges)}: the probability of a law over the "
+            "errors that the model may have is in brackets. No law is told."
+        )
     odds = first.probability / max(second.probability, 1e-300)
     shown = "more than 1000" if odds > 1000.0 else f"{odds:.2g}"
     name = "a law between or beyond the known ones" if first is shared.laws[0] else f"the {first.name} law"
     against = "a general law" if second is shared.laws[0] else f"the {second.name} law"
-    if odds > _STRONG:
+    if least > _SURE:
         return f"The membrane obeys {name}: {shown} to 1 against {against}."
     if odds > _SOME:
         return f"The membrane rather obeys {name}, {shown} to 1 against {against}; more flow rates would tell."
     return f"The capsules do not tell the law: {name} against {against} stands {shown} to 1."
+
+
+def _over_errors(law: LawOdds) -> str:
+    """Return the range of the probability of a law over the errors that the model may have."""
+    return " to ".join(rounded(100.0 * share, 1) for share in law.over_errors) + " %"
 
 
 def caveats(shared: SharedMembrane) -> Iterator[str]:
@@ -45,6 +59,9 @@ def caveats(shared: SharedMembrane) -> Iterator[str]:
     for gate in shared.gates:
         if not gate.passed:
             yield f"Check failed: {gate}."
+        if gate.caveat:
+            yield gate.caveat
+    yield from border_words(shared.leaning)
     unusable = [law.name for law in shared.laws if not law.usable]
     if unusable:
         yield f"Checks of the computation failed under: {', '.join(unusable)}; its row is rough."
@@ -77,9 +94,9 @@ def law_table(shared: SharedMembrane) -> pd.DataFrame:
     rows = []
     for law in sorted(shared.laws, key=lambda law: -law.probability):
         middle, _, ends = marginal_cells(_MODULUS.name, Marginal.of_draws(law.draws[_MODULUS.name]))
-        rows.append((law.name, rounded(100.0 * law.probability, 1) + " %", middle, ends))
-    head = ("law", "probability", Symbols(_MODULUS.label), "95 % interval")
-    return table(head, rows, title="If the membrane obeys a known law", numbers=(1, 2, 3))
+        rows.append((law.name, rounded(100.0 * law.probability, 1) + " %", _over_errors(law), middle, ends))
+    head = ("law", "probability", "over model errors", Symbols(_MODULUS.label), "95 % interval")
+    return table(head, rows, title="If the membrane obeys a known law", numbers=(1, 2, 3, 4))
 
 
 def _moduli_by_flow(shared: SharedMembrane) -> dict[str, list[Marginal]]:

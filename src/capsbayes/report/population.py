@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
+from capsbayes.infer.checks import DOUBTFUL_P
 from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread
 from capsbayes.infer.population import Population
 from capsbayes.infer.selection import NORMAL
+from capsbayes.infer.verdict import PREDICTED
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import decimals, interval_words, per_cent, together, two_digits, unit_of
 from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
@@ -53,6 +56,19 @@ def status_words(population: Population) -> str:
         return f"The intervals of all {number} capsules can be used."
     others = "the other one is" if number - used == 1 else f"the other {number - used} are"
     return f"The intervals of {used} of {number} capsules can be used; {others} omitted from the numbers above."
+
+
+def p_value_words(population: Population) -> str:
+    """Say that more predictive p-values are small than would be expected; empty if not."""
+    columns = [population[name] for name in map("p_value_{}".format, PREDICTED) if name in population.dataset]
+    p_values = np.concatenate([column[np.isfinite(column)] for column in columns]) if columns else np.empty(0)
+    number, small = len(p_values), int(np.sum(p_values < DOUBTFUL_P))
+    if stats.binom.sf(small - 1, number, DOUBTFUL_P) >= DOUBTFUL_P:
+        return ""
+    return (
+        f"{small} of {number} predictive p-values of the lengths and flow rates are below {DOUBTFUL_P:g}, where "
+        f"{DOUBTFUL_P * number:.0f} would be expected: check the stated errors, or diagnose what the model lacks."
+    )
 
 
 def hierarchy_title(stored: Mapping[str, Any]) -> str:
@@ -236,6 +252,7 @@ def population_parts(population: Population) -> Iterator[str | pd.DataFrame]:
     yield Strong(headline(population))
     yield width_words(population)
     yield status_words(population)
+    yield p_value_words(population)
     yield status_table(population.counts)
     yield summary_table(population)
 

@@ -11,7 +11,7 @@ import pandas as pd
 from capsbayes.infer import Posterior
 from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR, add_up
 from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
-from capsbayes.infer.verdict import LEANING_SHARE, RANGE
+from capsbayes.infer.verdict import LEANING_SHARE, ONE_END, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import interval_words, marginal_cells, per_cent, rounded, stated_in, two_digits, unit_of
@@ -128,15 +128,22 @@ def _computation(posterior: Posterior) -> Iterator[str]:
     for gate in posterior.gates:
         if not gate.passed:
             yield f"A check failed: {gate.name} is {gate.value:.4g}, wanted {gate.wanted}."
+        if gate.caveat:
+            yield gate.caveat
     if posterior.agreement is not None and not posterior.agreement.passed:
         yield f"Checked a second way, {posterior.agreement}."
 
 
 def _borders(posterior: Posterior) -> Iterator[str]:
-    for border, share in posterior.leaning.items():
+    yield from border_words(posterior.leaning)
+
+
+def border_words(leaning: Mapping[str, float]) -> Iterator[str]:
+    """Say next to which borders a posterior lies, by the names and shares of `capsbayes.infer.verdict`."""
+    for border, share in leaning.items():
         if share > LEANING_SHARE:
-            of_model = "range of the model in" if border.startswith(RANGE) else "prior range of"
-            name = border.removeprefix("prior of ").removeprefix(RANGE)
+            of_model = "range of the model in" if border.startswith((RANGE, ONE_END)) else "prior range of"
+            name = border.removeprefix("prior of ").removeprefix(ONE_END).removeprefix(RANGE)
             known = f"the end of the {of_model} {PARAMETERS[name].symbol}" if name in PARAMETERS else border
             yield f"{per_cent(share)} of the posterior lies next to {_PLACES.get(border, known)}."
 
