@@ -35,7 +35,7 @@ def law_words(shared: SharedMembrane) -> str:
         ranges = [f"{law.name} ({_over_errors(law)})" for law in (first, *rivals)]
         return (
             f"The model's own error could decide between {' and '.join(ranges)}: the probability of a law over the "
-            "errors that the model may have is in brackets. No law is told."
+            "errors that the model may have is in brackets. No law is named."
         )
     odds = first.probability / max(second.probability, 1e-300)
     shown = "more than 1000" if odds > 1000.0 else f"{odds:.2g}"
