@@ -495,10 +495,7 @@ def _refined(
 
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
-    """Return the state of a database next to a place (6,) that is found on the mesh of a continuation; None if none is.
-
-    Of the nearest ones a few are tried.
-    """
+    """Return the state of a database next to a place (6,) that is found on the mesh of a continuation, or None."""
     away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
     guesses = (guess_of(database, continuation, int(number)) for number in np.argsort(away)[:_TRIED])
     states = (continuation.corrected(guess, iterations=_REFINING) for guess in guesses)
