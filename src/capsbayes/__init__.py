@@ -52,6 +52,7 @@ _HOME = {
     "measure": "capsbayes.image",
     "measure_film": "capsbayes.image.film",
     "membrane_flow_design": "capsbayes.plan",
+    "resimulate": "capsbayes.resimulation",
     "sobol_indices": "capsbayes.plan",
     "write_report": "capsbayes.report",
 }
@@ -88,6 +89,7 @@ if TYPE_CHECKING:
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
     from capsbayes.report.write import write_report
+    from capsbayes.resimulation import resimulate
     from capsbayes.status import Status
     from capsbayes.surrogate import MembraneSurrogate, Surrogate
 

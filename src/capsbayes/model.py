@@ -350,7 +350,7 @@ class ForwardModel(ABC):
         return OutsideDatabaseError(theta["capillary_number"], theta["size_ratio"], self.domain.reason(**known))
 
 
-class _Derived(ForwardModel):
+class Derived(ForwardModel):
     """A model made from another one: it keeps the declarations that it does not state, and asks that one."""
 
     def __init__(self, model: ForwardModel, **own: Any) -> None:
@@ -380,7 +380,7 @@ class _Derived(ForwardModel):
         return self.model.added_up(self._asked(theta))
 
 
-class Extended(_Derived):
+class Extended(Derived):
     """A forward model with an effect.
 
     Parameters
@@ -461,7 +461,7 @@ class Extended(_Derived):
         return (self.model.with_membrane() or self.model).added_up(theta)
 
 
-class FixedParameters(_Derived):
+class FixedParameters(Derived):
     """A forward model with known values of further coordinates, or known sizes of effects.
 
     Parameters
@@ -507,7 +507,7 @@ class FixedParameters(_Derived):
         return {**theta, **{name: np.full(count, value)[()] for name, value in self.values.items()}}
 
 
-class _WithinEffect(_Derived):
+class _WithinEffect(Derived):
     """A model as an effect sees it, which may pass on its own parameter with everything else."""
 
     def __init__(self, model: ForwardModel, parameter: str) -> None:

@@ -120,6 +120,10 @@ class Status(enum.Enum):
         "use the intervals with care."
     )
     UNUSABLE = "The numbers given for this capsule cannot be used; see its reason."
+    NOT_RESIMULATED = (
+        "The simulator found too few of the shapes of the posterior, or its correction leads to where it found none; "
+        "do not use the intervals."
+    )
     ENGINES_DISAGREE = "Sampling and quadrature disagree beyond their tolerance; do not use the intervals."
     # studies of sensitivity
     NO_FLOW_RATE = "No flow rate keeps the expected capsules below the limit of existence with the margin asked for."

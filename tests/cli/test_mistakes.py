@@ -57,6 +57,12 @@ MISTAKES = {
         ("capsule.toml --membrane rubber", "--membrane: law: expected one of unknown, neo-Hookean"),
         ("capsule.toml --membrane stiffness=3", "--membrane: expected a law, or NAME=TEXT with one of the names"),
         ("capsule.toml --membrane unknown --database square-skalak", "expected one of the two, got both"),
+        ("capsule.toml --resimulate 20", "identify: --resimulate: expected --out with it, the folder where the shapes"),
+        ("capsule.toml --resimulate 2 --out made", "--resimulate"),
+        (
+            "capsule.toml --database manufactured.nc --engine quadrature --resimulate 9 --out made",
+            "resimulate: model: expected a database that this simulator made, got one without",
+        ),
         ("capsule.toml --engine quadrature --steps 500", "--engine: expected emcee with --walkers, --steps"),
         ("capsule.toml --steps 500 --most-steps 400", "--steps: expected at most --most-steps, 400, got 500"),
         ("picture.png", "--experiment: expected the experiment's file with a picture"),

@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import written
 from results import population
 
-from capsbayes import Posterior
+from capsbayes import Posterior, Surrogate
+from capsbayes.prediction import NUMBERS
+from capsbayes.resimulation import ShapeSource, SimulatedShapes
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ovalbumin" / "capsule.toml"
 RESULTS = {"posterior.nc", "summary.json", "corner.png", "outline.png"}
@@ -47,6 +50,28 @@ def test_one_capsule_end_to_end(here, identify):
     assert set(summary["inputs"]["files"]) == {"capsule.toml", "channel.toml"}
     for name in ("corner.png", "outline.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_answer_is_checked_by_the_simulator(here, identify, monkeypatch):
+    """The model itself in the place of the simulator: nothing moves."""
+    model = Surrogate.open("manufactured.nc")
+
+    class Agreeing:
+        refinement = 12
+
+        def shapes(self, theta, near, folder):
+            assert folder == Path("result", "shapes")
+            seen = model(theta, outline=True)
+            return SimulatedShapes(theta, np.column_stack([getattr(seen, name) for name in NUMBERS]), seen.outline)
+
+    monkeypatch.setattr(ShapeSource, "of", lambda model: Agreeing())
+    status, printed = identify(*QUICK, "--resimulate", 6, "--out", "result")
+    assert status == 0, printed
+    assert "Checked by the simulator: 6 shapes at refinement 12; the model's error moved G_s by" in printed
+    assert written(here / "result") == RESULTS | {"simulator.png"}
+    summary = json.loads((here / "result" / "summary.json").read_text())
+    assert abs(summary["resimulation"]["surface_shear_modulus_moved"]) < 0.02
+    assert summary["resimulation"]["simulated_minus_predicted"]["outline"]["largest"] == 0.0
 
 
 def test_the_papers_capsule_with_the_database_that_comes_with_the_library(identify):

@@ -113,7 +113,8 @@ def test_a_file_of_the_first_version_is_still_read():
     written["inputs"]["cross_section"] = written["inputs"].pop("section")  # the name of the key before
     tables = json.loads(json.dumps(found.as_dict()))
     assert tables["prior"]["pre_inflation"].pop("distribution") == "normal"
-    assert tables.pop("p_values") == {}  # came later, as did the next two
+    assert tables.pop("p_values") == {}  # came later, as did the next three
+    assert tables.pop("resimulation") is None
     assert tables.pop("reynolds_number") < 1e-3
     assert tables["inputs"].pop("flow_rate")["value"] == found.measurement.flow_rate
     assert tables == written

@@ -71,8 +71,9 @@ class EngineOptions(Options):
 
 
 def _written(values: Mapping[str, Any]) -> tuple[str, ...]:
-    results = ("posterior.nc", "summary.json", "corner.png", "outline.png")
-    return (*results, *DETECTED) if is_picture(values["capsule"]) else results
+    results = ["posterior.nc", "summary.json", "corner.png", "outline.png"]
+    results += ["simulator.png"] * bool(values["resimulate"])
+    return (*results, *DETECTED) if is_picture(values["capsule"]) else tuple(results)
 
 
 @command
@@ -98,6 +99,15 @@ def identify(
     *,
     picture: PictureOptions,
     sampling: EngineOptions,
+    resimulate: Annotated[
+        int | None,
+        Option(
+            "Simulate so many draws of the posterior, some 3 s each, and correct it for what the model is off; the "
+            "shapes are kept in the folder of --out. Default: none.",
+            min=5,
+            max=1000,
+        ),
+    ] = None,
     seed: Seed = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -108,6 +118,8 @@ def identify(
     from capsbayes.run import resumable
 
     effort = sampling.effort()
+    if resimulate is not None and out is None:
+        raise InputError("identify", "--resimulate", "--out with it, the folder where the shapes are kept", "no --out")
     measurement = _measurement(capsule, experiment, picture, out, quiet=as_json)
     stated = not is_picture(capsule)
     believed = prior_of(prior, cb.Prior.read(capsule) if stated else None)
@@ -116,9 +128,17 @@ def identify(
     if sheet is None:
         prepare(known.cross_section)
     model = capsule_model(database, sheet, known, measurement)
+    if resimulate is not None:
+        from capsbayes.resimulation import ShapeSource
+
+        ShapeSource.of(model)  # a model that the simulator does not follow is refused before a minute has passed
     with resumable(out):
         how: dict[str, Any] = {"engine": sampling.engine, "effort": effort, "prior": believed, "membrane": sheet}
         posterior = cb.identify(measurement, model, known, seed=seed, **how)
+        if resimulate is not None and out is not None:
+            posterior = cb.resimulate(
+                posterior, model, resimulate, folder=out / "shapes", membrane=sheet, effort=effort
+            )
         if not model.coordinates:
             posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

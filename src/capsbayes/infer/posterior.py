@@ -155,6 +155,9 @@ LOG_MODULUS_SD = "sd_of_log_surface_shear_modulus"
 OVER_LAWS = "surface_shear_modulus_over_laws"
 """Attribute of the file of a posterior with one law: the least and the largest G_s of others."""
 
+RESIMULATED = "resimulation"
+"""Attribute and group of the file of a posterior that the simulator corrected."""
+
 _APART = ("outline", "experiment_file", "conditions", "status")  # of a measurement: not stored as they are
 _TEXTS = ("cross_section", "source", "sha256")  # of an experiment
 _QUANTITIES = ("half_width", "viscosity", "viscous_tension", "density", THICKNESS)
@@ -233,6 +236,9 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "modulus_over_laws": tuple(tables[OVER_LAWS]) if OVER_LAWS in tables else None,
         "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
+        "resimulation": Resimulation.of_file(tables[RESIMULATED], groups[RESIMULATED])
+        if RESIMULATED in groups
+        else None,
     }
 
 
@@ -269,6 +275,73 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
         frame_rate=None if rate is None else Quantity(**rate),
         **read,
     )
+
+
+# What the simulator says at draws of a posterior, next to what the model says there
+
+DIFFERENCES = ("axial_extent", "axial_length", "velocity_ratio")
+"""Quantities whose differences are kept, in their order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resimulation:
+    """Simulated shapes at n draws of the posterior of the model alone; differences are simulated minus predicted."""
+
+    refinement: int  # of the mesh
+    lost: int  # draws at which the simulator found no steady state
+    before: Marginal  # of G_s by the model alone
+    differences: Floats  # (n, 3): of `DIFFERENCES`
+    stated: Floats  # (n, 3): standard errors that the model states there
+    outlines: Floats  # (n, p) [l]: normal distances of the simulated outlines from the predicted ones
+    outlines_stated: Floats  # (n, p) [l]: standard errors that the model states there
+
+    def __len__(self) -> int:
+        return len(self.differences)
+
+    @classmethod
+    def of_file(cls, table: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Resimulation:
+        """Return what `as_dict` and `dataset` describe."""
+        before = _marginal(table["surface_shear_modulus_before"])
+        return cls(table["refinement"], table["lost"], before, **arrays)
+
+    @property
+    def compared(self) -> dict[str, tuple[Floats, Floats]]:
+        """Differences and stated errors by name, of the outline as ``"outline"``."""
+        pairs = zip(self.differences.T, self.stated.T, strict=True)
+        return {**dict(zip(DIFFERENCES, pairs, strict=True)), "outline": (self.outlines, self.outlines_stated)}
+
+    def moved(self, modulus: Marginal) -> float:
+        """Return the relative change of the median of G_s by the correction."""
+        return modulus.median / self.before.median - 1.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything but the differences of single shapes, ready for JSON."""
+        return {
+            "shapes": len(self),
+            "lost": self.lost,
+            "refinement": self.refinement,
+            "surface_shear_modulus_before": self.before.as_dict(),
+            "simulated_minus_predicted": {
+                name: {
+                    "mean": float(np.mean(off)),
+                    "rms": _rms(off),
+                    "largest": float(np.max(np.abs(off))),
+                    "rms_in_standard_errors": _rms(off / stated),
+                }
+                for name, (off, stated) in self.compared.items()
+            },
+        }
+
+    def dataset(self) -> xr.Dataset:
+        """Return the differences of single shapes."""
+        import xarray as xr
+
+        columns = {"differences": "number", "stated": "number", "outlines": "point", "outlines_stated": "point"}
+        return xr.Dataset({name: (("shape", column), getattr(self, name)) for name, column in columns.items()})
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 # Posterior of one capsule: draws, summaries, checks, and everything needed to repeat it. Data, no plots
@@ -335,6 +408,8 @@ class Posterior:
         empty for a model without several further coordinates.
     modulus_over_laws : tuple of float or None [N/m]
         Least and largest G_s that other laws of the membrane give, see `capsbayes.infer.identify`.
+    resimulation : Resimulation or None
+        What the simulator says at draws of the posterior of the model alone, if `capsbayes.resimulate` corrected it.
     """
 
     draws: Mapping[str, Floats]
@@ -361,6 +436,7 @@ class Posterior:
     log_modulus_sd_if_known: float | None = None
     expected_log_modulus_sds: Mapping[str, float] = field(default_factory=dict)
     modulus_over_laws: tuple[float, float] | None = None
+    resimulation: Resimulation | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -445,6 +521,7 @@ class Posterior:
             "share_next_to_border": dict(self.leaning),
             "p_values": dict(self.p_values),
             **self._of_coordinates(),
+            RESIMULATED: self.resimulation and self._resimulated(self.resimulation),
             "reynolds_number": self._reynolds_number(),
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
@@ -454,6 +531,9 @@ class Posterior:
             "seed": self.seed,
             "version": self.version,
         }
+
+    def _resimulated(self, seen: Resimulation) -> dict[str, Any]:
+        return {"surface_shear_modulus_moved": seen.moved(self.marginals["surface_shear_modulus"]), **seen.as_dict()}
 
     def _reynolds_number(self) -> float | None:
         """Return that of the median flow, None where neither viscosity nor velocity is known."""
@@ -518,6 +598,8 @@ class Posterior:
             outline = xr.DataArray(self.outlines[None], dims=("chain", "draw", "point", "plane"))
             outline = outline.assign_attrs(units="l", long_name="predicted outline, columns (z, y) from the nose")
             groups["posterior_predictive"] = outline.to_dataset(name="outline")
+        if self.resimulation is not None:
+            groups[RESIMULATED] = self.resimulation.dataset()
         inputs = {
             name: stated for name, stated in self._inputs().items() if isinstance(stated, dict) and "value" in stated
         }
@@ -571,6 +653,9 @@ class Posterior:
             If no model is given and no database of this name and fingerprint comes with the library, or if the model
             given is not the one that made this posterior.
         """
+        if self.resimulation is not None:
+            expected, advice = "one of a model alone", "give the one before it was corrected"
+            raise InputError(where, "posterior", expected, "one that the simulator corrected", advice)
         if model is None:
             name, _, coordinate = self.model_name.removesuffix(" (silhouettes)").partition(" with ")
             if coordinate:

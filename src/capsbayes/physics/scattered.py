@@ -245,21 +245,22 @@ def scattered_states(
     places: Floats,
     *,
     folder: str | os.PathLike[str],
+    groups: int = _GROUPS,
     scheduler: str | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> list[ScatteredState | None]:
     """Compute the states at places (n, p) on the branch of a first one, None where it ends; keep them in a folder."""
     store = Store.open(folder, continuation.settings)
-    first = min(_GROUPS, len(places))
+    first = min(groups, len(places))
     with only_run(Path(folder)), keeping(Path(folder)):
         count = partial(_ended, store, places)
         with progress_bar(len(places), "states", show=progress, count=count):
             seeds = [state for state in _grown(continuation, store, start, places[:first]) if state is not None]
             seeds = seeds or [start]
             nearest = np.argmin(cdist(places[first:], np.array([seed.place for seed in seeds])), axis=1)
-            groups = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
-            tasks = [partial(_grown, continuation, store, seed, group) for seed, group in groups if len(group)]
+            about = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
+            tasks = [partial(_grown, continuation, store, seed, group) for seed, group in about if len(group)]
             run_tasks(tasks, scheduler, workers)
             states = [_stored(store, _name(place)) for place in places]
             return _lost_ones_again(continuation, store, places, states, scheduler, workers)
@@ -310,7 +311,7 @@ def _tried_again(
 def _from_near(
     continuation: Continuation, store: Store, name: str, near: ScatteredState, place: Floats
 ) -> ScatteredState | None:
-    return _kept(store, name, lambda: continuation.reached(near, place))
+    return kept_state(store, name, lambda: continuation.reached(near, place))
 
 
 def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
@@ -328,7 +329,7 @@ def _name(place: Floats) -> str:
     return f"state-{digest_of(place)[:24]}"
 
 
-def _kept(store: Store, name: str, compute: Callable[[], ScatteredState | None]) -> ScatteredState | None:
+def kept_state(store: Store, name: str, compute: Callable[[], ScatteredState | None]) -> ScatteredState | None:
     """Return a state of the store, computed and saved first if it is not there."""
     if not store.holds(name):
         with threadpool_limits(limits=1):
@@ -486,6 +487,7 @@ def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuati
 
 
 _REFINING = 20  # iterations: what the modes leave out bends the membrane, so that the first residuals are large
+_TRIED = 8  # of the nearest states, a quarter of which are not found on a finer mesh
 
 
 def refined_states(
@@ -514,13 +516,15 @@ def _refined(
     def compute() -> ScatteredState | None:
         return continuation.corrected(guess_of(database, continuation, number), iterations=_REFINING)
 
-    return _kept(store, _name(place), compute)
+    return kept_state(store, _name(place), compute)
 
 
-def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState:
-    """Return the state of a database next to a place (6,), see `state_of`."""
-    units = continuation.places(database["values"])
-    return state_of(database, continuation, int(np.argmin(np.linalg.norm(units - place, axis=1))))
+def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
+    """Return the state of a database next to a place (6,) that is found on the mesh of a continuation, or None."""
+    away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
+    guesses = (guess_of(database, continuation, int(number)) for number in np.argsort(away)[:_TRIED])
+    states = (continuation.corrected(guess, iterations=_REFINING) for guess in guesses)
+    return next((state for state in states if state is not None), None)
 
 
 def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:

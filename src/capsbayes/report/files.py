@@ -28,6 +28,8 @@ def posterior_files(posterior: Posterior) -> dict[str, Writer]:
     }
     if posterior.outlines is not None:
         files["outline.png"] = figure_file(lambda: _figures().outline_figure(posterior))
+    if posterior.resimulation is not None:
+        files["simulator.png"] = figure_file(lambda: _figures().resimulation_figure(posterior.resimulation))
     return files
 
 

@@ -14,7 +14,16 @@ from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
 from capsbayes.infer.verdict import LEANING_SHARE, ONE_END, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import interval_words, marginal_cells, per_cent, rounded, stated_in, two_digits, unit_of
+from capsbayes.report.numbers import (
+    interval_words,
+    marginal_cells,
+    per_cent,
+    rounded,
+    stated_in,
+    two_digits,
+    unit_of,
+    value_words,
+)
 from capsbayes.report.tables import Code, Strong, Symbols, table
 
 KEPT = 0.9
@@ -76,6 +85,34 @@ def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
     parts = (_other_laws, _computation, _borders, _capsule, _coordinates)
     return [sentence for part in parts for sentence in part(posterior)]
+
+
+def resimulation_words(posterior: Posterior) -> str:
+    """Say whether the simulator checked the posterior, and what that changed."""
+    seen, name = posterior.resimulation, "surface_shear_modulus"
+    if seen is None:
+        return "Not checked by the simulator (on the command line: --resimulate 20)."
+    lost = f" ({seen.lost} more were not found)" * bool(seen.lost)
+    moved = 100.0 * seen.moved(posterior.marginals[name])
+    return (
+        f"Checked by the simulator: {len(seen)} shapes at refinement {seen.refinement}{lost}; the model's error moved "
+        f"G_s by {moved:+.2g} %. All numbers here are corrected; by the model alone, "
+        f"{value_words(name, seen.before)}."
+    )
+
+
+def resimulation_table(posterior: Posterior) -> pd.DataFrame | None:
+    """Return what the simulated shapes differ by from the predicted ones; None where none were simulated."""
+    if posterior.resimulation is None:
+        return None
+    rows = []
+    for name, off in posterior.resimulation.as_dict()["simulated_minus_predicted"].items():
+        known = "outline, along its normal" if name == "outline" else PARAMETERS[name].symbol
+        sizes = (f"{1e3 * off[key]:.2f}" for key in ("mean", "rms", "largest"))
+        rows.append((Symbols(known), *sizes, f"{off['rms_in_standard_errors']:.2g}"))
+    head = ("", "mean", "rms", "largest", "rms / stated")
+    title = "Simulated minus predicted, in thousandths, and over the error that is stated"
+    return table(head, rows, title=title, numbers=range(1, len(head)))
 
 
 def agreement_words(posterior: Posterior) -> str:
@@ -169,7 +206,7 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
 
 def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
-    if "-membrane" in posterior.model_name:
+    if "-membrane" in posterior.model_name and posterior.resimulation is None:
         yield BY_MESH
     if posterior.log_modulus_sd_if_known is None:
         return
@@ -301,4 +338,7 @@ def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
         yield narrowing_table(posterior)
     yield input_table(posterior)
     yield prior_table(posterior)
+    if (differences := resimulation_table(posterior)) is not None:
+        yield differences
+    yield resimulation_words(posterior)
     yield from caveats(posterior)

@@ -17,12 +17,26 @@ from capsbayes.errors import InputError
 from capsbayes.files.input_file import PICTURES
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
+from capsbayes.infer.posterior import DIFFERENCES, Resimulation
 from capsbayes.measurement import MID_PLANE
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
 from capsbayes.report.numbers import two_digits, unit_of, value_words
 from capsbayes.report.page import image, page, picture
-from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure, second_scale
+from capsbayes.report.style import (
+    ACCENT,
+    FILL,
+    INK,
+    PALE,
+    WALL,
+    closed,
+    draw_walls,
+    framed,
+    legend_below,
+    new_figure,
+    second_scale,
+    without_l,
+)
 
 if TYPE_CHECKING:
     from capsbayes.image.detect import Detection
@@ -190,6 +204,31 @@ def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) ->
     ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **sizes)
 
 
+def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
+    """Draw what simulated shapes differ by from the predicted ones: along the outline, and in three numbers."""
+    figure = new_figure(width, 0.5 * width)
+    along, numbers = figure.subplots(1, 2, width_ratios=(2.2, 1.0), sharey=True)
+    share = np.linspace(0.0, 1.0, seen.outlines.shape[1] + 1)
+    off, stated = (1e3 * np.hstack([each, each[:, :1]]) for each in (seen.outlines, seen.outlines_stated))
+    error = np.sqrt(np.mean(np.square(stated), axis=0))
+    along.fill_between(share, -error, error, color=FILL, linewidth=0, label="standard error that the model states")
+    each = along.plot(share, off.T, color=PALE, linewidth=0.6)
+    each[0].set_label("each shape")
+    along.plot(share, off.mean(axis=0), color=ACCENT, linewidth=1.6, label="mean")
+    along.set(xlim=(0.0, 1.0), xlabel="round the outline", ylabel="simulated − predicted [0.001 l]")
+    along.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["nose", "side", "rear", "side", "nose"])
+    for place, (column, errors) in enumerate(zip(seen.differences.T, seen.stated.T, strict=True)):
+        reach = 1e3 * float(np.sqrt(np.mean(np.square(errors))))
+        numbers.fill_between([place - 0.4, place + 0.4], -reach, reach, color=FILL, linewidth=0)
+        numbers.plot(place + np.linspace(-0.25, 0.25, len(column)), 1e3 * column, ".", color=INK, markersize=4)
+        numbers.hlines(1e3 * column.mean(), place - 0.4, place + 0.4, colors=ACCENT, linewidth=1.6)
+    numbers.set_xticks(range(len(DIFFERENCES)), [f"${without_l(name)}$" for name in DIFFERENCES])
+    for ax in (framed(along), framed(numbers)):
+        ax.axhline(0.0, color=WALL, linewidth=0.8, zorder=0.5)
+    legend_below(figure, along, 3)
+    return figure
+
+
 def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
     """Draw the predicted outline over the picture that the capsule was measured in, at a width in inches.
 
@@ -272,6 +311,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
         pictures=list(capsule_pictures(posterior, capsule, folder)),
         corner=corner_of_all(posterior),
+        resimulated=None if posterior.resimulation is None else resimulation_figure(posterior.resimulation),
     )
 
 
