@@ -403,9 +403,9 @@ def scattered_dataset(
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
 
 
-# Error of a mesh of refinement 12 over the change to it from one of 8. The change from 12 to 16 is 0.29 of that from 8 to
-# 12 (median of 39 states, quartiles 0.25 and 0.38), mostly in the same direction: between this and 0.57, by the order of
-# convergence that it shows, is left
+# Error of a mesh of refinement 12 over the change to it from one of 8. The change from 12 to 16 is 0.29 of that from 8
+# to 12 (median of 39 states, quartiles 0.25 and 0.38), mostly in the same direction: between this and 0.57, by the
+# order of convergence that it shows, is left
 _OF_REFINING = 0.4
 
 
