@@ -32,6 +32,7 @@ _HOME = {
     "Prior": "capsbayes.infer",
     "Profile": "capsbayes.profile",
     "Quantity": "capsbayes.quantity",
+    "Refinement": "capsbayes.refinement",
     "Session": "capsbayes.diagnosis",
     "SharedMembrane": "capsbayes.infer.shared_membrane",
     "Simulator": "capsbayes.physics.simulator",
@@ -52,6 +53,7 @@ _HOME = {
     "measure": "capsbayes.image",
     "measure_film": "capsbayes.image.film",
     "membrane_flow_design": "capsbayes.plan",
+    "refine_model": "capsbayes.refinement",
     "sobol_indices": "capsbayes.plan",
     "write_report": "capsbayes.report",
 }
@@ -87,6 +89,7 @@ if TYPE_CHECKING:
     )
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
+    from capsbayes.refinement import Refinement, refine_model
     from capsbayes.report.write import write_report
     from capsbayes.status import Status
     from capsbayes.surrogate import MembraneSurrogate, Surrogate

@@ -230,6 +230,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
         "p_values": tables.get("p_values", {}),
+        "refinement": tables.get("refinement"),
         "modulus_over_laws": tuple(tables[OVER_LAWS]) if OVER_LAWS in tables else None,
         "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
@@ -335,6 +336,8 @@ class Posterior:
         empty for a model without several further coordinates.
     modulus_over_laws : tuple of float or None [N/m]
         Least and largest G_s that other laws of the membrane give, see `capsbayes.infer.identify`.
+    refinement : mapping or None
+        What was added to the model where the posterior lies, see `Refinement.as_dict`.
     """
 
     draws: Mapping[str, Floats]
@@ -361,6 +364,7 @@ class Posterior:
     log_modulus_sd_if_known: float | None = None
     expected_log_modulus_sds: Mapping[str, float] = field(default_factory=dict)
     modulus_over_laws: tuple[float, float] | None = None
+    refinement: Mapping[str, Any] | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -450,6 +454,7 @@ class Posterior:
             "inputs": self._inputs(),
             "prior": self._priors(),
             "model": {"name": self.model_name, "sha256": self.model_sha256},
+            **({} if self.refinement is None else {"refinement": dict(self.refinement)}),
             "engine": self.engine,
             "seed": self.seed,
             "version": self.version,
