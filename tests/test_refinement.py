@@ -1,8 +1,11 @@
 """States where the posterior lies: the model is as sure of them as it should be, and the truth is nearer."""
 
 import json
+import signal
+from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 
 from capsbayes import refine_model
@@ -131,6 +134,26 @@ def test_a_second_run_begins_with_the_states_of_the_first(folder, found, monkeyp
     assert (made.simulated, made.reused) == (0, found.as_dict()["simulated"])
     assert again.share_after == pytest.approx(found.share_after, abs=0.02)
     json.dumps(again.as_dict())
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_says_where_its_states_are_and_a_killed_one_leaves_them_to_the_next(tmp_path):
+    program = "import sys; sys.path.append(sys.argv[2]); from test_refinement import refined; refined(sys.argv[1])"
+    folder, times = tmp_path / "states", {}
+    for end in (signal.SIGINT, signal.SIGKILL):
+        with processes.python("-c", program, folder, Path(__file__).parent) as process:
+            processes.wait_until(lambda: len(_parts(folder)) > len(times), process)  # noqa: B023
+            process.send_signal(end)
+            _, said = process.communicate()
+        assert end == signal.SIGKILL or f"finished work is kept in {folder}" in said
+        times = _parts(folder)
+    found = refined(folder).as_dict()
+    assert (found["reused"], found["states"]) == (len(times), len(_parts(folder)))
+    assert {part: _parts(folder)[part] for part in times} == times
+
+
+def _parts(folder):
+    return {part: part.stat().st_mtime_ns for part in folder.glob("state-*.part")}
 
 
 def test_a_state_that_is_not_reached_is_counted_and_not_tried_again(tmp_path, monkeypatch):

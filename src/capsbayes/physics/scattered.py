@@ -384,7 +384,10 @@ def scattered_dataset(
         along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
         variables |= {
             f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
-            f"{view}_modes": ((f"{view}_mode", "point", "plane"), modes.modes.reshape(len(modes.modes), -1, 2)),
+            f"{view}_modes": (
+                (f"{view}_mode", "point", "plane"),
+                modes.modes.reshape(len(modes.modes), OUTLINE_POINTS, 2),
+            ),
             view: (("state", f"{view}_mode"), modes.coefficients),
             f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
         }

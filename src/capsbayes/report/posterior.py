@@ -191,11 +191,12 @@ def refinement_words(refinement: Mapping[str, Any]) -> Iterator[str]:
     """Say which states were added to the model where the posterior lies, and what they changed."""
     before, after = (per_cent(refinement[f"share_{when}"]) for when in ("before", "after"))
     rounds = sum(each["simulated"] > 0 for each in refinement["rounds"])
+    new = refinement["states"] - refinement["reused"]
     yield (
         f"{refinement['states']} states of refinement {refinement['refinement']} were added to the model where the "
-        f"posterior lies: {refinement['simulated']} simulated in {rounds} rounds, {refinement['reused']} of earlier "
-        f"runs. The error of the model has {after} of the variance of ln G_s, "
-        f"{before} without them."
+        f"posterior lies: {refinement['reused']} of earlier runs, {new} new ones in {rounds} "
+        f"{'round' if rounds == 1 else 'rounds'}. The error of the model makes up {after} of the variance of ln G_s, "
+        f"without them {before}."
     )
     if refinement["agrees"] is not None:
         tests = refinement["rounds"][-1]
