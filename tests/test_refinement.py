@@ -71,6 +71,7 @@ def joined(kept):
     return WHOLE.joined(scattered_dataset(continuation_of(WHOLE), places, kept))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", ["profile", "silhouette"])
 def test_a_joined_database_holds_the_new_states_and_the_old_ones_as_they_were(kept, joined, view):
     count, continuation = len(WHOLE), continuation_of(WHOLE)
@@ -87,6 +88,7 @@ def test_a_joined_database_holds_the_new_states_and_the_old_ones_as_they_were(ke
     assert np.linalg.norm(along - wanted) < 0.1 * np.linalg.norm(wanted)
 
 
+@pytest.mark.slow
 def test_far_from_the_new_states_a_model_stays_as_it_was(joined):
     before, after = MembraneSurrogate(WHOLE), MembraneSurrogate(joined)
     theta = dict(zip(FREE_PARAMETERS, WHOLE["values"].T, strict=True))
@@ -101,6 +103,7 @@ def test_states_of_another_channel_are_not_joined():
         WHOLE.joined(MembraneDatabase.open("square").dataset)
 
 
+@pytest.mark.slow
 def test_the_truth_is_nearer_and_the_model_says_its_error_rightly(found):
     def log_moduli(model):
         posterior = identify(measured(), model, EXPERIMENT, seed=1, membrane=Membrane(), error_budget=False)
@@ -114,6 +117,7 @@ def test_the_truth_is_nearer_and_the_model_says_its_error_rightly(found):
     assert all(0.2 < made.score < 1.5 for made in found.rounds)
 
 
+@pytest.mark.slow
 def test_states_lie_on_several_membranes_and_apart_from_each_other(found):
     """Not at the mean of the posterior, where they would make a wrong membrane fit."""
     new = found.model.membrane_database["values"][len(THINNED) :]
@@ -124,6 +128,7 @@ def test_states_lie_on_several_membranes_and_apart_from_each_other(found):
     assert apart.min() > 0.3
 
 
+@pytest.mark.slow
 def test_a_second_run_begins_with_the_states_of_the_first(folder, found, monkeypatch):
     """Where they suffice nothing is simulated, and the model is the same."""
     monkeypatch.setattr("capsbayes.refinement._ENOUGH", found.share_after + 0.05)

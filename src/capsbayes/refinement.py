@@ -334,7 +334,7 @@ class _Posterior:
         capsule = rng.permutation(np.arange(_CANDIDATES) % len(self.capsules.batch))
         own = draws.found.own[rows, capsule][:, None]
         theta = self.capsules.model.theta(self.unknowns.membranes(draws.points[rows]), own)
-        variance = self._variance(theta, capsule)[0]
+        variance = np.nan_to_num(self._variance(theta, capsule)[0])  # none on the border of the model
         return _Candidates(parameter_columns(theta), capsule, self.model.error_places(theta), variance)
 
     def square_errors(
@@ -357,7 +357,8 @@ class _Posterior:
         # The error of the mesh is the same for all states: none that is added takes it away.
         rows, shapes = self.capsules.batch.rows, self.capsules.model(theta)
         precision = (rows.swapaxes(1, 2) @ rows)[capsule]
-        return np.einsum("nkl,nkl->n", precision, shapes.covariances) / OF_THE_MESH, shapes
+        variance = np.einsum("nkl,nkl->n", precision, shapes.covariances) / OF_THE_MESH
+        return variance, shapes
 
 
 def _share(exact: Capsules, capsules: Capsules, unknowns: Unknowns, sampled: Sampled) -> float:
