@@ -32,6 +32,7 @@ _HOME = {
     "Prior": "capsbayes.infer",
     "Profile": "capsbayes.profile",
     "Quantity": "capsbayes.quantity",
+    "Refinement": "capsbayes.refinement",
     "Session": "capsbayes.diagnosis",
     "SharedMembrane": "capsbayes.infer.shared_membrane",
     "Simulator": "capsbayes.physics.simulator",
@@ -53,6 +54,7 @@ _HOME = {
     "measure_film": "capsbayes.image.film",
     "membrane_flow_design": "capsbayes.plan",
     "resimulate": "capsbayes.resimulation",
+    "refine_model": "capsbayes.refinement",
     "sobol_indices": "capsbayes.plan",
     "write_report": "capsbayes.report",
 }
@@ -88,6 +90,7 @@ if TYPE_CHECKING:
     )
     from capsbayes.profile import Profile
     from capsbayes.quantity import Quantity
+    from capsbayes.refinement import Refinement, refine_model
     from capsbayes.report.write import write_report
     from capsbayes.resimulation import resimulate
     from capsbayes.status import Status

@@ -6,7 +6,9 @@ width l of the channel, velocities over the mean undisturbed velocity U. The fil
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +33,9 @@ NULL_VALUES = (0.05, 0.9, 0.0, 3.0, 0.0, 2e-4)
 
 PLAIN_LAW = "neo-Hookean"
 """Law of that membrane, as databases call it."""
+
+OMITTED = 1e-4
+"""Rms of outlines and coordinates in modes that are left out [l]."""
 
 _HIGHEST, _HARDER = 0.13, 0.6
 _UNHINDERED, _NARROWING = {"square": 0.9, "circular": 0.86}, {"square": 0.25, "circular": 0.31}
@@ -76,6 +81,7 @@ _SINGLE = (
     "mesh",
     *_OF_THE_MESH,
 )
+_MODE = "_mode"  # ending of the dimensions of modes
 
 
 def highest_ca(size_ratio: ArrayLike, strain_hardening: ArrayLike, cross_section: str = "square") -> Floats:
@@ -97,6 +103,13 @@ def covered(values: Floats, cross_section: str = "square") -> Booleans:
     ca, size, inflation, _, hardening, _ = values.T
     within = np.all((values >= low - rounding) & (values <= high + rounding), axis=1)
     return np.asarray(within & (ca >= lowest_ca(inflation)) & (ca <= highest_ca(size, hardening, cross_section)))
+
+
+def fewest_modes(vectors: Floats, omitted: float = OMITTED) -> Floats:
+    """Return the fewest orthonormal modes (m, d) that leave out of vectors (n, d) no more than an rms [l]."""
+    _, sizes, rows = np.linalg.svd(vectors, full_matrices=False)
+    left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
+    return np.asarray(rows[: int(np.count_nonzero(left > omitted))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +150,65 @@ class MembraneDatabase(StoredStates):
     def taken(self, states: ArrayLike) -> MembraneDatabase:
         """Return some of the states, with the hash of the whole."""
         return MembraneDatabase(self.dataset.isel(state=np.asarray(states)))
+
+    def joined(self, further: xr.Dataset) -> MembraneDatabase:
+        """Return these states followed by others of the same mesh, in the modes of these and as many as they lack."""
+        # What the new modes add is nothing but the others', so that the outlines of these states stay as they are.
+        others = MembraneDatabase(further)
+        self._check(further, "further states")
+        self.check_settings(others.settings)
+        changed = {}
+        for name, dims in _dimensions_of(self.dataset).items():
+            if (
+                name not in _OF_THE_MESH
+                and dims[0] in ("state", "lost_state")
+                and not any(_MODE in dim for dim in dims)
+            ):
+                changed[name] = (dims, np.concatenate([self[name], others[name]]))
+        for name in ("profile", "silhouette", "mesh"):
+            changed |= self._in_common_modes(others, name)
+        if self.has_mesh_error:
+            changed |= self._mesh_errors_with(
+                others, {name: changed[name][1].shape[1] for name in ("numbers", "profile", "silhouette")}
+            )
+        kept = self.dataset.drop_vars(list(changed))
+        return MembraneDatabase.of(kept.assign(changed))
+
+    def _mesh_errors_with(
+        self, others: MembraneDatabase, widths: Mapping[str, int]
+    ) -> dict[str, tuple[tuple[str, ...], Floats]]:
+        """Return the errors of the mesh of both: other states have that of the nearest of these."""
+        away = (others["values"][:, None] - self["values"]) / np.ptp(RANGES, axis=1)
+        nearest = np.argmin(np.sum(away**2, axis=2), axis=1)
+        parts: dict[str, tuple[tuple[str, ...], Floats]] = {}
+        for name, dims in _OF_THE_MESH.items():
+            lacking = widths[name.removesuffix("_mesh_error")] - self[name].shape[1]
+            own = np.pad(self[name], ((0, 0), (0, lacking)))
+            parts[name] = (dims, np.concatenate([own, own[nearest]]))
+        return parts
+
+    def check_settings(self, settings: Mapping[str, Any]) -> None:
+        """Refuse settings of a continuation whose states are not those of this database."""
+        here, there = ({**each, "axes": None} for each in (self.settings, json.loads(json.dumps(settings))))
+        different = [name for name in sorted({*here, *there}) if here.get(name) != there.get(name)]
+        if different:
+            expected = ", ".join(f"{name} {here.get(name)!r}" for name in different)
+            raise DatabaseError(f"states to be added to the database: expected {expected}, got other ones")
+
+    def _in_common_modes(self, others: MembraneDatabase, name: str) -> dict[str, tuple[tuple[str, ...], Floats]]:
+        """Return the modes of both and the coefficients of the states of both, with their derivatives if there are."""
+        shape = self[f"{name}_mean"].shape
+        modes, theirs = (np.reshape(each[f"{name}_modes"], (-1, np.prod(shape))) for each in (self, others))
+        away = np.ravel(others[f"{name}_mean"] - self[f"{name}_mean"]) + others[name] @ theirs
+        more = fewest_modes(away - away @ modes.T @ modes)
+        every = np.concatenate([modes, more])
+        parts = {f"{name}_modes": every.reshape(-1, *shape), name: np.pad(self[name], ((0, 0), (0, len(more))))}
+        parts[name] = np.concatenate([parts[name], away @ every.T])
+        if f"{name}_along" in self.dataset:
+            along = np.pad(self[f"{name}_along"], ((0, 0), (0, len(more)), (0, 0)))
+            turned = np.einsum("nkp,mk->nmp", others[f"{name}_along"], every @ theirs.T)
+            parts[f"{name}_along"] = np.concatenate([along, turned])
+        return {part: (_DIMENSIONS[part], values) for part, values in parts.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the hash, and the numbers of states and of places where none was reached, ready for JSON."""

@@ -11,6 +11,7 @@ PICTURE = "--experiment experiment.toml --velocity '6.20 +/- 0.06 mm/s'"
 LAB = "--extent-error 0.01 --length-error 0.01 --velocity-error 0.01"
 FLOW = "--shear-modulus '50 +/- 2 mN/m' --radius '22.5 +/- 0.5 um' --like capsule.toml"
 UNKNOWN = f"{FLOW} --membrane neo-Hookean --membrane bending=1e-4"
+KNOWN = "--membrane neo-Hookean --membrane pre_inflation=0 --membrane bending=1e-4"
 GRID = "--out made.nc --grid default"
 CASE = "--ca 0.05 --size-ratio 0.8"
 MOVING = "--ca 0.1 --size-ratio 0.8 --refinement 4"
@@ -51,6 +52,12 @@ MISTAKES = {
         ("long.toml --database manufactured.nc", "a shape that a case of square-manufactured has (nearest: L_z/l"),
         ("tunnel.toml --out made", "no-tunnel.toml: expected a file, got nothing there"),
         ("alone.toml", "alone.toml: experiment: expected the name of a file, got nothing"),
+        (
+            "capsule.toml --refine 5",
+            "--refine: expected --membrane unknown (or [membrane]) with it, got a model of one",
+        ),
+        ("capsule.toml --membrane unknown --refine 0", "'--refine': Input should be greater than or equal to 1"),
+        (f"capsule.toml {KNOWN} --refine 5", "membrane: expected one of which something is unknown, got a known one"),
         ("capsule.toml --engine x", "expected emcee or quadrature"),
         ("capsule.toml --out bad.csv", "expected a folder"),
         ("capsule.toml --velocity '6.20 +/- 0.06 mm/s'", "identify: --velocity: expected a picture (.png, .tif"),
@@ -87,7 +94,11 @@ MISTAKES = {
         ),
         (f"set.csv {PICTURE}", "got set.csv; a table states it in its columns"),
     ],
-    "membrane": [("set.csv", "set.csv: experiment")],
+    "membrane": [
+        ("set.csv", "set.csv: experiment"),
+        ("set.csv --refine -1", "'--refine': Input should be greater than or equal to 1"),
+        (f"set.csv --experiment experiment.toml {KNOWN} --refine 5", "membrane: expected one of which something is"),
+    ],
     "diagnose": [
         ("set --candidates glow", "diagnose: --candidates: expected one of"),
         ("set --experiment missing.toml", "missing.toml: expected a file, got nothing there"),

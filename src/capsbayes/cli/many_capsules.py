@@ -16,6 +16,7 @@ from capsbayes.cli.options import (
     ModelName,
     PicturesOptions,
     Priors,
+    Refine,
     ScaleError,
     Scheduler,
     Seed,
@@ -231,6 +232,7 @@ def membrane(
         bool, Option("Each capsule has a pre-inflation of its own.", "--inflation-varies")
     ] = False,
     scale_error: ScaleError = 0.0,
+    refine: Refine = None,
     laws: Annotated[bool, Option("Compare known laws, which takes three times as long.")] = True,
     scheduler: Scheduler = None,
     workers: Workers = None,
@@ -248,22 +250,24 @@ def membrane(
     from capsbayes.run import progress_bar, resumable
 
     measured = read_set(capsules, experiment)
+    batch = measured.measurements, measured.experiment
+    how: dict[str, Any] = {
+        "seed": seed,
+        "membrane": membrane_of(None, membrane),
+        "prior": prior_of(prior),
+        "same_capsule": same_capsule,
+        "inflation_varies": inflation_varies,
+        "scale_error": scale_error,
+        "scheduler": scheduler,
+        "workers": workers,
+    }
     with resumable(out):
+        refined = None if refine is None else cb.refine_model(*batch, states=refine, progress=not as_json, **how)
         with progress_bar(None, "membrane") as update:
-            shared = cb.identify_membrane(
-                measured.measurements,
-                measured.experiment,
-                seed=seed,
-                membrane=membrane_of(None, membrane),
-                prior=prior_of(prior),
-                same_capsule=same_capsule,
-                inflation_varies=inflation_varies,
-                scale_error=scale_error,
-                laws=laws,
-                scheduler=scheduler,
-                workers=workers,
-                progress=lambda step, done, steps: update(done, step, steps),
-            )
+            how |= {"laws": laws, "progress": lambda step, done, steps: update(done, step, steps)}
+            shared = cb.identify_membrane(*batch, model=refined.model if refined else None, **how)
+        if refined:
+            shared = refined.noted_in(shared)
         files: dict[str, Writer] = {
             "membrane.nc": shared.write,
             "membrane.json": json_file(shared.as_dict()),

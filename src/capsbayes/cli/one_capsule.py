@@ -20,6 +20,7 @@ from capsbayes.cli.options import (
     ModelName,
     PictureOptions,
     Priors,
+    Refine,
     Seed,
     capsule_model,
     membrane_of,
@@ -96,6 +97,7 @@ def identify(
     database: ModelName = None,
     membrane: MembraneKnown = None,
     prior: Priors = None,
+    refine: Refine = None,
     *,
     picture: PictureOptions,
     sampling: EngineOptions,
@@ -124,6 +126,8 @@ def identify(
     stated = not is_picture(capsule)
     believed = prior_of(prior, cb.Prior.read(capsule) if stated else None)
     sheet = membrane_of(cb.Membrane.read(capsule) if stated else None, membrane)
+    if refine is not None and sheet is None:
+        raise InputError("identify", "--refine", "--membrane unknown (or [membrane]) with it", "a model of one law")
     known = named_experiment(measurement, experiment)
     if sheet is None:
         prepare(known.cross_section)
@@ -134,11 +138,18 @@ def identify(
         ShapeSource.of(model)  # a model that the simulator does not follow is refused before a minute has passed
     with resumable(out):
         how: dict[str, Any] = {"engine": sampling.engine, "effort": effort, "prior": believed, "membrane": sheet}
+        refined = None
+        if refine is not None:
+            of_membrane: dict[str, Any] = {"membrane": sheet, "prior": believed, "progress": not as_json}
+            refined = cb.refine_model([measurement], known, states=refine, seed=seed, **of_membrane)
+            model = refined.model
         posterior = cb.identify(measurement, model, known, seed=seed, **how)
         if resimulate is not None and out is not None:
             posterior = cb.resimulate(
                 posterior, model, resimulate, folder=out / "shapes", membrane=sheet, effort=effort
             )
+        if refined:
+            posterior = refined.noted_in(posterior)
         if not model.coordinates:
             posterior = with_other_laws(posterior)
         model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)

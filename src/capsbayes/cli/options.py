@@ -48,6 +48,15 @@ Priors = Annotated[
         "'log-normal 50 +/- 10 mN/m'; may be given several times."
     ),
 ]
+Refine = Annotated[
+    int | None,
+    Option(
+        "Simulate up to N more states where the posterior lies and add them to the model, until its own error no "
+        "longer counts. They are kept in the user's cache, and later runs begin with them.",
+        min=1,
+        metavar="N",
+    ),
+]
 ScaleError = Annotated[
     float, Option("Relative standard error of all lengths together, as by the pixel size.", min=0.0, max=0.2)
 ]

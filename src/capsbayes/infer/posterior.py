@@ -233,6 +233,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "status": Status[attributes["status"]],
         "version": str(attributes["version"]),
         "p_values": tables.get("p_values", {}),
+        "refinement": tables.get("refinement"),
         "modulus_over_laws": tuple(tables[OVER_LAWS]) if OVER_LAWS in tables else None,
         "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
@@ -410,6 +411,8 @@ class Posterior:
         Least and largest G_s that other laws of the membrane give, see `capsbayes.infer.identify`.
     resimulation : Resimulation or None
         What the simulator says at draws of the posterior of the model alone, if `capsbayes.resimulate` corrected it.
+    refinement : mapping or None
+        What was added to the model where the posterior lies, see `Refinement.as_dict`.
     """
 
     draws: Mapping[str, Floats]
@@ -437,6 +440,7 @@ class Posterior:
     expected_log_modulus_sds: Mapping[str, float] = field(default_factory=dict)
     modulus_over_laws: tuple[float, float] | None = None
     resimulation: Resimulation | None = None
+    refinement: Mapping[str, Any] | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
@@ -527,6 +531,7 @@ class Posterior:
             "inputs": self._inputs(),
             "prior": self._priors(),
             "model": {"name": self.model_name, "sha256": self.model_sha256},
+            **({} if self.refinement is None else {"refinement": dict(self.refinement)}),
             "engine": self.engine,
             "seed": self.seed,
             "version": self.version,

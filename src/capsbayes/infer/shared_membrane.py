@@ -526,6 +526,8 @@ class SharedMembrane(Readable):
     seed : int
     gates : tuple of Gate
     status : Status
+    refinement : mapping or None
+        What was added to the model where the posterior lies, see `Refinement.as_dict`.
     """
 
     draws: Mapping[str, Floats]
@@ -543,6 +545,7 @@ class SharedMembrane(Readable):
     seed: int
     gates: tuple[Gate, ...]
     status: Status
+    refinement: Mapping[str, Any] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -605,6 +608,7 @@ class SharedMembrane(Readable):
             "prior": {name: str(quantity) for name, quantity in self.prior.items()},
             "experiment": {name: str(text) for name, text in self.experiment.described().items()},
             "model": {"name": self.model_name, "sha256": self.model_sha256},
+            **({} if self.refinement is None else {"refinement": dict(self.refinement)}),
             "seed": self.seed,
             "version": __version__,
         }
@@ -726,8 +730,8 @@ def identify_membrane(
     Rue, Martino, Chopin 2009, J. R. Stat. Soc. B 71, 319, doi:10.1111/j.1467-9868.2008.00700.x (Laplace's method).
     Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (model error).
     """
-    model = _model_of(measurements, experiment, model)
-    spreads = _spreads(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
+    model = model_of(measurements, experiment, model)
+    spreads = spreads_of(len(measurements), same_capsule=same_capsule, inflation_varies=inflation_varies)
     with threadpool_limits(limits=1):
         capsules = capsules_of(measurements, experiment, model, scale_error=scale_error)
         batch = capsules.batch
@@ -764,7 +768,7 @@ def identify_membrane(
     )
 
 
-def _model_of(
+def model_of(
     measurements: Sequence[Measurement], experiment: Experiment, model: MembraneSurrogate | None
 ) -> MembraneSurrogate:
     """Return the model given, or that of the channel and the view; refuse measurements that it cannot hold."""
@@ -813,7 +817,8 @@ def _assumed(
     return sampled, _drawn_membranes(capsules, unknowns, sampled, experiment, seed)
 
 
-def _spreads(count: int, *, same_capsule: bool, inflation_varies: bool) -> tuple[float | None, ...]:
+def spreads_of(count: int, *, same_capsule: bool, inflation_varies: bool) -> tuple[float | None, ...]:
+    """Return the spreads of ln G_s, of a/l and perhaps of ln alpha, None where they are not known."""
     one = same_capsule or count == 1
     if one and inflation_varies:
         raise InputError(_HERE, "inflation_varies", "several capsules", "one")

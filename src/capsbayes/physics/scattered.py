@@ -20,7 +20,7 @@ from capsbayes import __version__
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.interruption import keeping
-from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
+from capsbayes.membrane_database import FREE_PARAMETERS, OMITTED, RANGES, MembraneDatabase, fewest_modes
 from capsbayes.physics import load as outlines
 from capsbayes.physics.build import OUTLINE_POINTS
 from capsbayes.physics.load import changed, parameters_of
@@ -47,7 +47,6 @@ _GROUPS = 32
 _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
 _ITERATIONS, _PATIENCE = 8, 4
-_OMITTED = 1e-4  # [l] rms of the coordinates, in modes that are left out
 _SAME = 1e-9  # distance of parameters over their ranges, within which states are the same
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
 
@@ -388,7 +387,10 @@ def scattered_dataset(
         along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
         variables |= {
             f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
-            f"{view}_modes": ((f"{view}_mode", "point", "plane"), modes.modes.reshape(len(modes.modes), -1, 2)),
+            f"{view}_modes": (
+                (f"{view}_mode", "point", "plane"),
+                modes.modes.reshape(len(modes.modes), OUTLINE_POINTS, 2),
+            ),
             view: (("state", f"{view}_mode"), modes.coefficients),
             f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
         }
@@ -437,12 +439,10 @@ class Modes(NamedTuple):
     coefficients: Floats
 
 
-def in_modes(vectors: Floats, omitted: float = _OMITTED) -> Modes:
+def in_modes(vectors: Floats, omitted: float = OMITTED) -> Modes:
     """Return vectors (n, d) [l] in the fewest modes that leave out no more than an rms."""
     mean = vectors.mean(axis=0)
-    _, sizes, rows = np.linalg.svd(vectors - mean, full_matrices=False)
-    left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / vectors.size)  # rms without a mode and those after it
-    modes = rows[: int(np.count_nonzero(left > omitted))]
+    modes = fewest_modes(vectors - mean, omitted)
     return Modes(mean, modes, (vectors - mean) @ modes.T)
 
 
@@ -489,6 +489,7 @@ def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuati
     return Continuation(simulator, tuple(axes))
 
 
+_STARTS = 2  # states from which a further one is tried
 _REFINING = 20  # iterations: what the modes leave out bends the membrane, so that the first residuals are large
 _TRIED = 8  # of the nearest states, a quarter of which are not found on a finer mesh
 
@@ -530,6 +531,46 @@ def nearest_state(database: MembraneDatabase, continuation: Continuation, place:
     return next((state for state in states if state is not None), None)
 
 
+def further_states(
+    database: MembraneDatabase,
+    continuation: Continuation,
+    places: Floats,
+    *,
+    folder: str | os.PathLike[str],
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> list[ScatteredState | None]:
+    """Compute the states at further places (n, 6), each from those of a database next to it; keep them."""
+    # Other runs may keep theirs in the folder at the same time.
+    store = Store.open(folder, continuation.settings)
+    tasks = [partial(_further, place) for place in places]
+    bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
+    with keeping(Path(folder)), bar:
+        return run_tasks(tasks, scheduler, workers, continuation, store, database)
+
+
+def _further(
+    place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
+) -> ScatteredState | None:
+    def compute() -> ScatteredState | None:
+        away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
+        for number in np.argsort(away)[:_STARTS]:
+            state = continuation.reached(state_of(database, continuation, int(number)), place)
+            if state is not None:
+                return state
+        return None
+
+    return kept_state(store, _name(place), compute)
+
+
+def kept_states(folder: str | os.PathLike[str], continuation: Continuation) -> list[ScatteredState]:
+    """Return the states that are kept in a folder."""
+    store = Store.open(folder, continuation.settings)
+    states = (_stored(store, name) for name in sorted(store.names("state-*")))
+    return [state for state in states if state is not None]
+
+
 def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
     """Return a state of a database by its number, on the mesh of a continuation."""
     guess = guess_of(database, continuation, number)
@@ -541,12 +582,13 @@ def guess_of(database: MembraneDatabase, continuation: Continuation, number: int
     # It is as exact as the modes are in which it is stored, which suffices to begin from.
     shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
     if continuation.settings["refinement"] != database.settings["refinement"]:
-        coarse = _continuation_of(database).simulator.problem.mesh
+        coarse = continuation_of(database).simulator.problem.mesh
         shape = prolonged(shape, coarse, continuation.simulator.problem.mesh)
     unknowns = np.append(shape, [database["numbers"][number, 2], database["slack"][number]])
     place = continuation.places(database["values"][number, None])[0]
     return ScatteredState(place, unknowns, np.zeros((len(unknowns), len(place))))
 
 
-def _continuation_of(database: MembraneDatabase) -> Continuation:
+def continuation_of(database: MembraneDatabase) -> Continuation:
+    """Return the continuation on the mesh of a database."""
     return membrane_continuation(database.cross_section, int(database.settings["refinement"]))

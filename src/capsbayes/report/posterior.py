@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -208,6 +209,8 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
     if "-membrane" in posterior.model_name and posterior.resimulation is None:
         yield BY_MESH
+    if posterior.refinement is not None:
+        yield from refinement_words(posterior.refinement)
     if posterior.log_modulus_sd_if_known is None:
         return
     for name, width in posterior.widths_over_prior().items():
@@ -226,6 +229,28 @@ def _coordinates(posterior: Posterior) -> Iterator[str]:
     if expected:
         best = min(expected, key=lambda name: expected[name])
         yield f"Of one more measurement, {later_words(best)} would narrow ln G_s most: to {expected[best]:.2g}."
+
+
+def refinement_words(refinement: Mapping[str, Any]) -> Iterator[str]:
+    """Say which states were added to the model where the posterior lies, and what they changed."""
+    before, after = (per_cent(refinement[f"share_{when}"]) for when in ("before", "after"))
+    rounds = sum(each["simulated"] > 0 for each in refinement["rounds"])
+    new = refinement["states"] - refinement["reused"]
+    yield (
+        f"{refinement['states']} states of refinement {refinement['refinement']} were added to the model where the "
+        f"posterior lies: {refinement['reused']} of earlier runs, {new} new ones in {rounds} "
+        f"{'round' if rounds == 1 else 'rounds'}. The error of the model makes up {after} of the variance of ln G_s, "
+        f"without them {before}."
+    )
+    if refinement["agrees"] is not None:
+        tests = refinement["rounds"][-1]
+        verdict = "that is as stated" if refinement["agrees"] else "it is understated, and the intervals are too narrow"
+        yield (
+            f"At {tests['tested']} states that the model had not seen, its error was {tests['score']:.2g} times the "
+            f"stated one: {verdict}."
+        )
+    if not refinement["small"]:
+        yield "With more states (--refine and a larger number) the interval of G_s would be narrower."
 
 
 def told_words(widths: Mapping[str, float], keeps: str, keep: str) -> str:

@@ -578,12 +578,16 @@ class MembraneSurrogate(DatabaseModel):
         """
         return self._change * self._frame.scale[:2]
 
-    def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
-        """Return scaled coordinates of the membranes of a batch : (n, 4) array.
+    def error_places(self, theta: Mapping[str, Floats]) -> Floats:
+        """Return scaled coordinates of flow, size and membrane of a batch : (n, 6) array.
 
         The model's own error changes over a distance of about one.
         """
-        return np.asarray(self._frame.points(parameter_columns(theta))[:, 2:] / self._change)
+        return np.asarray(self._frame.points(parameter_columns(theta)) / self._change)
+
+    def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
+        """Return the same of the membranes alone : (n, 4) array."""
+        return self.error_places(theta)[:, 2:]
 
     def distances_from_plain(self, name: str, values: Floats) -> Floats:
         """Return the distances of values (n,) of a parameter from that of the plain membrane : (n,) array.
