@@ -107,5 +107,5 @@ def test_a_wrong_keyword_is_named_with_the_right_ones(model):
 
 def test_every_public_function_checks_its_arguments():
     functions = [getattr(cb, name) for name in cb.__all__ if inspect.isfunction(getattr(cb, name))]
-    assert len(functions) == 15
+    assert len(functions) == 16
     assert all(function.__code__.co_filename.endswith("arguments.py") for function in functions)

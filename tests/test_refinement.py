@@ -99,7 +99,7 @@ def test_far_from_the_new_states_a_model_stays_as_it_was(joined):
 
 
 def test_states_of_another_channel_are_not_joined():
-    with pytest.raises(DatabaseError, match="expected cross_section 'circular', got other ones"):
+    with pytest.raises(DatabaseError, match="expected cross_section 'circular', refinement 12, got other ones"):
         WHOLE.joined(MembraneDatabase.open("square").dataset)
 
 

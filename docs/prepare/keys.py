@@ -103,6 +103,7 @@ MEANINGS = {
     "quantities": "the answer: the interval of each quantity",
     "ranges": "distributions of the inputs",
     "residual": "residual of the equations over U",
+    "refinement": "what was added to the model where the posterior lies, only with `--refine`",
     "resimulation": "what the simulator says at draws of the posterior, null if it was not asked",
     "reynolds_number": "of the median flow",
     "same_capsule": "whether each capsule is measured at all flow rates",
