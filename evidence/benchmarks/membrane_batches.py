@@ -280,15 +280,15 @@ def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
 
 def tables(counts: dict[str, Any]) -> dict[str, str]:
     """Return the tables by the marks of the page."""
-    return {
+    shown = {
         "batches": _table(counts["coverage"], QUANTITIES),
         "transfer": _table(counts["transfer"], PREDICTED),
         "inflated": table(("batch", "read as of", *INFLATED.values()), _inflated_rows(counts["inflated"])),
-        "meshes": table(
-            ("batch", "simulated at", *OF_MESHES.values(), "capsules in 95 %", "likeliest law", "status"),
-            _rows_of_meshes(counts.get("meshes", {})),
-        ),
     }
+    if counts.get("meshes"):
+        head = ("batch", "simulated at", *OF_MESHES.values(), "capsules in 95 %", "likeliest law", "status")
+        shown["meshes"] = table(head, _rows_of_meshes(counts["meshes"]))
+    return shown
 
 
 def _table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:

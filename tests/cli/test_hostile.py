@@ -186,7 +186,7 @@ def test_hostile_outputs(refused, command, trials):
 def results():
     """Yield what commands write next to their output, or within it."""
     for (command, option), about in WRITTEN.items():
-        values = {name: Path("picture.png") for name in ("capsule", "picture")}
+        values = {"capsule": Path("picture.png"), "picture": Path("picture.png"), "resimulate": None}
         within = about.within(values) if callable(about.within) else about.within
         for form in (*(f"{{name}}/{form}" for form in within), *about.next_to):
             yield command, option, form.replace("*", "1")
