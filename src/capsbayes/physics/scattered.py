@@ -525,8 +525,8 @@ def _refined(
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
     """Return the state of a database next to a place (6,) that is found on the mesh of a continuation, or None."""
-    away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
-    guesses = (guess_of(database, continuation, int(number)) for number in np.argsort(away)[:_TRIED])
+    nearest = _nearest(database, continuation, place)[:_TRIED]
+    guesses = (guess_of(database, continuation, number) for number in nearest)
     states = (continuation.corrected(guess, iterations=_REFINING) for guess in guesses)
     return next((state for state in states if state is not None), None)
 
@@ -554,9 +554,8 @@ def _further(
     place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
 ) -> ScatteredState | None:
     def compute() -> ScatteredState | None:
-        away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
-        for number in np.argsort(away)[:_STARTS]:
-            state = continuation.reached(state_of(database, continuation, int(number)), place)
+        for number in _nearest(database, continuation, place)[:_STARTS]:
+            state = continuation.reached(state_of(database, continuation, number), place)
             if state is not None:
                 return state
         return None
@@ -569,6 +568,12 @@ def kept_states(folder: str | os.PathLike[str], continuation: Continuation) -> l
     store = Store.open(folder, continuation.settings)
     states = (_stored(store, name) for name in sorted(store.names("state-*")))
     return [state for state in states if state is not None]
+
+
+def _nearest(database: MembraneDatabase, continuation: Continuation, place: Floats) -> list[int]:
+    """Return the numbers of the states of a database, from near a place (6,) to far."""
+    away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
+    return np.argsort(away).tolist()
 
 
 def state_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
