@@ -371,6 +371,13 @@ class MembraneLoad:
             return stretched + self.bending * self.radius**2 * self._bent(free).gradient
         return stretched + self._held(free)
 
+    def smoothed(self, free: Floats, degree: int) -> Floats:
+        """Return a shape (F,) after a Newton step that takes the forces from displacements beyond a degree."""
+        fine, elastic = _displacements_beyond(self.mesh, degree), self.elasticity(free)
+        force, stiffness = fine.T @ elastic.gradient, fine.T @ elastic.tangent @ fine
+        step: Floats = fine @ scipy.linalg.solve(stiffness, force, assume_a="sym")
+        return free - step
+
     def _bent(self, free: Floats) -> BentShell:
         return BentShell(self.mesh, free, self.radius / (1.0 + self.pre_inflation), self.rest_aspect)
 
@@ -477,6 +484,15 @@ def _scalar_forms(mesh: OctaSphere) -> tuple[Floats, Floats]:
 def _mass_factor(mesh: OctaSphere) -> tuple[Floats, bool]:
     factor: tuple[Floats, bool] = scipy.linalg.cho_factor(_scalar_forms(mesh)[0])
     return factor
+
+
+@lru_cache(maxsize=8)
+def _displacements_beyond(mesh: OctaSphere, degree: int) -> Floats:
+    """Return the displacements (F, m) that vary like spherical harmonics beyond a degree."""
+    mass, stiffness = _scalar_forms(mesh)
+    between = (degree + 1.0) ** 2  # eigenvalues of the Laplacian: degree (degree + 1)
+    modes: Floats = scipy.linalg.eigh(stiffness, mass, subset_by_value=(between, np.inf))[1]
+    return modes
 
 
 @lru_cache(maxsize=8)

@@ -53,6 +53,19 @@ def test_pre_inflated_sphere_bears_the_tension_and_pressure_of_the_closed_form(a
     assert pressure == pytest.approx(2 * tension / 0.8, rel=2e-3)
 
 
+def test_a_smoothed_shape_bears_no_forces_of_short_waves_and_keeps_the_long_ones():
+    membrane = MembraneLoad(MESH, NeoHookean(), 0.8, 1e-3, 0.02, bending_energy="curvature")
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(membrane.rest))
+    rough = membrane.rest + noise
+    shape = membrane.smoothed(rough, 6)
+    wrinkled, smooth, at_rest = (membrane.gradient(free) for free in (rough, shape, membrane.rest))
+    assert np.linalg.norm(smooth - at_rest) < 0.25 * np.linalg.norm(wrinkled - at_rest)
+    x = MESH.nodes[MESH.wedge]
+    for wave in (x, x * x[:, 2:], x * x[:, 2:] ** 2):  # of degree 3 at most
+        moved = MESH.reduced(wave) @ membrane.mass @ (shape - rough)
+        assert abs(moved) < 1e-3 * np.sqrt((shape - rough) @ membrane.mass @ (shape - rough))
+
+
 def test_volume_and_moment_of_a_moved_sphere():
     mesh = octasphere(8)
     membrane = MembraneLoad(mesh, NeoHookean(), 0.8, 0.0)
