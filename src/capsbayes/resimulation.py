@@ -119,7 +119,7 @@ def resimulate(
     how |= {"effort": effort, "error_budget": bool(posterior.shares)}
     for _ in range(_ROUNDS):
         rounds.append(source.shapes(_drawn(after, forward, count), posterior, Path(folder)))
-        corrected = CorrectedModel(corrected, PosteriorFrame.of(after, forward), rounds[-1])
+        corrected = ResimulatedModel(corrected, PosteriorFrame.of(after, forward), rounds[-1])
         after = identify(posterior.measurement, corrected, posterior.experiment, **how)
         number = sum(float(np.sum(PosteriorFrame.of(after, forward).holds(shapes.theta))) for shapes in rounds)
         within = Gate("simulated shapes within the corrected posterior", number, least=_LEAST_WITHIN * count)
@@ -342,7 +342,7 @@ def _columns(theta: Mapping[str, ArrayLike], coordinates: Mapping[str, Coordinat
     return np.column_stack(columns)
 
 
-class CorrectedModel(Derived):
+class ResimulatedModel(Derived):
     """A model with the differences of simulated shapes from it, by those drawn from the posterior of a frame."""
 
     def __init__(self, model: ForwardModel, frame: PosteriorFrame, shapes: SimulatedShapes) -> None:
