@@ -20,7 +20,7 @@ from capsbayes.surrogate import MembraneSurrogate
 HERE = {"scheduler": "synchronous", "progress": False}
 EXPERIMENT = Experiment(cross_section="circular", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.02 Pa s")
 MODULUS = 0.05
-LEFT_OUT = 35  # a shipped state between those of the thinned database: the simulated capsule that is measured
+LEFT_OUT = 53  # a shipped state between those of the thinned database: the simulated capsule that is measured
 WHOLE = MembraneDatabase.open("circular")
 THINNED = WHOLE.taken(np.arange(0, len(WHOLE), 4))
 
