@@ -496,7 +496,7 @@ def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuati
 
 
 _STARTS = 2  # states from which a further one is tried
-_TRIED = 8  # of the nearest states, a quarter of which are not found on a finer mesh
+_TRIED = 8  # of the nearest states, some of which are not found on a finer mesh
 
 
 def refined_states(
@@ -589,7 +589,7 @@ def state_of(database: MembraneDatabase, continuation: Continuation, number: int
 
 def guess_of(database: MembraneDatabase, continuation: Continuation, number: int) -> ScatteredState:
     """Return what a state of a database is on the mesh of a continuation but for the error of the mesh."""
-    # What its modes leave out bends the membrane: without the forces of it, Newton's method takes two steps less.
+    # What its modes leave out bends the membrane: with the forces of it, Newton's method needs more steps or fails.
     shape = database["mesh_mean"] + database["mesh"][number] @ database["mesh_modes"]
     if continuation.settings["refinement"] != database.settings["refinement"]:
         coarse = continuation_of(database).simulator.problem.mesh
