@@ -50,6 +50,9 @@ _DIMENSIONS = {
     "mesh_mean": ("coordinate",),
     "mesh_modes": ("mesh_mode", "coordinate"),
     "mesh": ("state", "mesh_mode"),
+    "tension": ("state", "extreme"),
+    "tension_along": ("state", "extreme", "parameter"),
+    "tension_place": ("state", "extreme", "axis"),
     **{
         f"{view}{part}": dims
         for view in ("profile", "silhouette")
@@ -61,17 +64,11 @@ _DIMENSIONS = {
         }.items()
     },
 }
-_OF_TENSION = {
-    "tension": ("state", "extreme"),
-    "tension_along": ("state", "extreme", "parameter"),
-    "tension_place": ("state", "extreme", "axis"),
-}
 _OF_THE_MESH = {
     "numbers_mesh_error": ("state", "number"),
     "profile_mesh_error": ("state", "profile_mode"),
     "silhouette_mesh_error": ("state", "silhouette_mode"),
 }
-_OPTIONAL = _OF_TENSION | _OF_THE_MESH  # states of the first edition have none
 _SINGLE = (
     "profile_along",
     "silhouette_along",
@@ -240,5 +237,5 @@ class MembraneDatabase(StoredStates):
 
 
 def _dimensions_of(dataset: xr.Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the variables that a dataset must have and those that it may have and has, with their dimensions."""
-    return _DIMENSIONS | {name: dims for name, dims in _OPTIONAL.items() if name in dataset}
+    """Return the variables of a dataset with their dimensions; states of a single mesh have no error of it."""
+    return _DIMENSIONS | {name: dims for name, dims in _OF_THE_MESH.items() if name in dataset}

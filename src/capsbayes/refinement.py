@@ -354,11 +354,9 @@ class _Posterior:
 
     def _variance(self, theta: Mapping[str, Floats], capsule: Integers) -> tuple[Floats, Shapes]:
         """Return the summed variance of the model's own error over that of the measurements, and the shapes."""
-        # The error of the mesh is the same for all states: none that is added takes it away.
         rows, shapes = self.capsules.batch.rows, self.capsules.model(theta)
         precision = (rows.swapaxes(1, 2) @ rows)[capsule]
-        variance = np.einsum("nkl,nkl->n", precision, shapes.covariances) / self.capsules.model.mesh_factor
-        return variance, shapes
+        return np.einsum("nkl,nkl->n", precision, shapes.covariances), shapes
 
 
 def _share(exact: Capsules, capsules: Capsules, unknowns: Unknowns, sampled: Sampled) -> float:

@@ -47,8 +47,8 @@ def test_a_shipped_state_is_a_steady_state_and_has_the_derivatives_that_are_stor
 
 
 def test_a_shipped_state_is_found_again_on_a_finer_mesh_and_kept(tmp_path):
-    shipped, finer = MembraneDatabase.open("square"), membrane_continuation("square", 10)
-    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05)))
+    shipped, finer = MembraneDatabase.open("square"), membrane_continuation("square", 14)
+    chosen = int(np.argmin(np.abs(shipped["values"][:, 0] - 0.05) + shipped["values"][:, 2]))  # hardly inflated
     here = {"folder": tmp_path / "parts", "scheduler": "synchronous", "progress": False}
     [state] = refined_states(shipped.taken([chosen]), finer, **here)
     assert len(state.unknowns) > len(shipped["mesh_mean"]) + 2
@@ -71,6 +71,11 @@ def test_the_error_of_a_mesh_is_a_share_of_the_change_from_a_coarser_one():
     np.testing.assert_allclose(dataset["profile_mesh_error"], 0.0, atol=1e-7)
     seen = np.einsum("nm,mpi->npi", dataset["silhouette_mesh_error"], fine["silhouette_modes"])
     assert np.mean(seen, axis=(0, 1)) == pytest.approx([-0.008, 0.0], abs=1e-4)
+    few = with_mesh_errors(fine.isel(state=slice(15), lost_state=slice(0)), MembraneDatabase(moved))
+    np.testing.assert_allclose(few["numbers_mesh_error"][15:], 0.01, rtol=1e-9)  # of the last, the whole mean change
+    np.testing.assert_allclose(few["silhouette"], fine["silhouette"], atol=1e-4)
+    for name in ("values", "numbers", "profile_along", "mesh", "tension", "lost"):
+        np.testing.assert_allclose(few[name], fine[name], atol=0.01)
     with pytest.raises(InputError, match="none for 5"):
         with_mesh_errors(fine, MembraneDatabase(moved.isel(state=slice(5, None))))
 

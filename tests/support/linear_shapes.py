@@ -35,10 +35,6 @@ class Linear(ShapeModel):
     def bounds(self):
         return (0.005, 0.3), (0.6, 1.2)
 
-    @property
-    def mesh_factor(self):
-        return 1.0
-
     def places(self, membranes, own):
         return membranes["pre_inflation"][:, None] / 0.05
 

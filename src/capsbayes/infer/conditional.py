@@ -244,11 +244,6 @@ class ShapeModel:
         """Distances in ln Ca and a/l over which the model's own error changes : (2,) array."""
         return self.model.error_lengths
 
-    @property
-    def mesh_factor(self) -> float:
-        """Variance of the model's whole error over that which changes with the membrane."""
-        return self.model.mesh_factor
-
     def places(self, membranes: Mapping[str, Floats], own: Floats) -> Floats:
         """Return places of d membranes, the capsules at (d, n, o) : (d, 4) array."""
         # Over a distance of one the model's own error changes.

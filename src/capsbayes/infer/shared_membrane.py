@@ -138,7 +138,7 @@ def _variance(capsules: Capsules, membranes: Membranes, own: Floats) -> Floats:
     """Return the variance of some membranes : (d,) array."""
     model, rows = capsules.model, capsules.batch.rows
     theta = model.theta(membranes, own)
-    covariances = np.nan_to_num(model(theta).covariances, copy=False) / model.mesh_factor
+    covariances = np.nan_to_num(model(theta).covariances, copy=False)
     covariances = covariances.reshape(*own.shape[:2], *covariances.shape[1:])
     steps = np.diag(OWN_STEPS[: own.shape[2]])
     _, slopes = model.with_slopes(theta, [model.theta(membranes, own + step) for step in steps])

@@ -415,26 +415,47 @@ def scattered_dataset(
 # to 12 (median of 39 states, quartiles 0.25 and 0.38), mostly in the same direction: between this and 0.57, by the
 # order of convergence that it shows, is left
 _OF_REFINING = 0.4
+_LIKE = 12  # fine states next to one that is lost on the fine mesh, of which the mean change is taken
 
 
 def with_mesh_errors(dataset: xr.Dataset, coarse: MembraneDatabase) -> xr.Dataset:
-    """Return a dataset of states with the errors of their mesh, from the same states on a coarser one."""
-    # ``numbers_mesh_error`` (n, 4), and for either view ``profile_mesh_error`` (n, m) of the modes. Places that are
-    # lost on the coarse mesh are so on the fine one.
-    axes = np.ptp(dataset["values"].values, axis=0)
-    distance, same = KDTree(coarse["values"] / axes).query(dataset["values"].values / axes)
+    """Return a dataset of states with the errors of their mesh, from the same states on a coarser one.
+
+    A state that the fine mesh lacks is the coarse one with the mean change of its neighbours, and that is its error.
+    """
+    # ``numbers_mesh_error`` (n, 4), and for either view ``profile_mesh_error`` (n, m) of the modes
+    fine = membrane_continuation(coarse.cross_section, json.loads(dataset.attrs["settings"])["refinement"])
+    places, here = fine.places(coarse["values"]), fine.places(dataset["values"].values)
+    distance, same = KDTree(places).query(here)
     if np.max(distance) > _SAME:
         missing = int(np.count_nonzero(distance > _SAME))
         raise InputError("coarse", "states", "one with the parameters of each fine state", f"none for {missing}")
-    change = dataset["numbers"] - coarse["numbers"][same]
-    errors = {"numbers_mesh_error": _OF_REFINING * change}
+    lacking = np.setdiff1d(np.arange(len(coarse)), same)
+    away, near = KDTree(here).query(places[lacking], min(_LIKE, len(here)))
+    weights = np.exp(-((2.0 * away / away[:, -1:]) ** 2))
+    weights /= weights.sum(axis=1, keepdims=True)
+
+    kept = ("values", "slack", "numbers", "numbers_along", "tension", "tension_along", "tension_place")
+    there = {name: coarse[name].copy() for name in kept}
     for view in ("profile", "silhouette"):
-        shapes = coarse[f"{view}_mean"] + np.einsum("nm,mpi->npi", coarse[view][same], coarse[f"{view}_modes"])
-        change = np.einsum("npi,mpi->nm", shapes - dataset[f"{view}_mean"].values, dataset[f"{view}_modes"].values)
-        errors[f"{view}_mesh_error"] = _OF_REFINING * (dataset[view] - change)
-    lost = "lost_state", "parameter"
-    both = np.concatenate([dataset["lost"].values, coarse["lost"]])
-    return dataset.drop_vars("lost").assign({**errors, "lost": (lost, both)})
+        modes = dataset[f"{view}_modes"].values
+        turned = np.einsum("kpi,mpi->km", coarse[f"{view}_modes"], modes)
+        offset = np.einsum("pi,mpi->m", coarse[f"{view}_mean"] - dataset[f"{view}_mean"].values, modes)
+        there[view] = offset + coarse[view] @ turned
+        there[f"{view}_along"] = np.einsum("nkp,km->nmp", coarse[f"{view}_along"], turned)
+    errors = {}
+    for name in ("numbers", "profile", "silhouette"):
+        change = dataset[name].values - there[name][same]
+        mean = np.einsum("nk,nkm->nm", weights, change[near])
+        there[name][lacking] += mean
+        errors[f"{name}_mesh_error"] = dataset[name].dims, np.concatenate([_OF_REFINING * change, mean])
+    starts = [guess_of(coarse, fine, number).unknowns[:-2] for number in lacking]
+    further = {name: values[lacking] for name, values in there.items()}
+    mean, modes = dataset["mesh_mean"].values, dataset["mesh_modes"].values
+    further["mesh"] = (np.reshape(starts, (-1, len(mean))) - mean) @ modes.T
+    both = {name: (dataset[name].dims, np.concatenate([dataset[name], more])) for name, more in further.items()}
+    both["lost"] = dataset["lost"].dims, coarse["lost"]
+    return dataset.drop_vars([*both, *errors], errors="ignore").assign({**both, **errors})
 
 
 class Modes(NamedTuple):

@@ -14,7 +14,7 @@ from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import LawOdds, SharedMembrane
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import marginal_cells, per_cent, rounded
-from capsbayes.report.posterior import BY_MESH, border_words, refinement_words, told_words
+from capsbayes.report.posterior import border_words, refinement_words, told_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
 
@@ -55,7 +55,6 @@ def _over_errors(law: LawOdds) -> str:
 
 def caveats(shared: SharedMembrane) -> Iterator[str]:
     """Yield what a reader must keep in mind."""
-    yield BY_MESH
     if shared.refinement is not None:
         yield from refinement_words(shared.refinement)
     for gate in shared.gates:

@@ -49,11 +49,6 @@ _OBEYS = {
 }
 _PRIOR = ("mean", "sd", "low", "high")
 _OF_LAW = ("area_dilation_modulus", "strain_hardening", "hardening", "hooke_share")
-BY_MESH = (
-    "The simulations behind this model were computed on one mesh, whose error is included; it makes the intervals wide."
-)
-"""Said of models on the states scattered over the membrane."""
-
 _PLACES = {
     "model": "the border of the database",
     TWO_SHAPES: "capillary numbers at which two steady shapes are stable",
@@ -207,8 +202,6 @@ def _capsule(posterior: Posterior) -> Iterator[str]:
 
 def _coordinates(posterior: Posterior) -> Iterator[str]:
     """Say of several further coordinates what the data tell, what it costs not to know them, and what would help."""
-    if "-membrane" in posterior.model_name and posterior.resimulation is None:
-        yield BY_MESH
     if posterior.refinement is not None:
         yield from refinement_words(posterior.refinement)
     if posterior.log_modulus_sd_if_known is None:

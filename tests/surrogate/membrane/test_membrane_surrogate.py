@@ -126,12 +126,11 @@ def test_derivatives_turn_with_the_coordinates(whole):
 
 
 def test_states_left_out_are_found_within_the_stated_error(model, left_out):
-    """They are of the same mesh, whose error is not among the differences."""
     states, predicted = left_out
     inside = predicted.inside
     assert inside.mean() > 0.9
     away = (predicted.values - states["numbers"][:, :3])[inside]
-    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance) / model.mesh_factor)[inside]
+    score = away / np.sqrt(np.einsum("nii->ni", predicted.covariance))[inside]
     assert np.all(np.median(np.abs(score), axis=0) < 1.0)
     assert np.all(np.mean(np.abs(score) < 2.0, axis=0) > 0.85)
     assert np.all(np.median(np.abs(away) / states["numbers"][inside, :3], axis=0) < 3e-3)
