@@ -1,4 +1,4 @@
-"""The membrane of the capsule drawn for the README, which is of a finer mesh than the states, is found."""
+"""The membrane of the capsule drawn for the README is found."""
 
 import tomllib
 from pathlib import Path
