@@ -40,8 +40,8 @@ def test_states_that_were_added_to_the_model_are_said_and_found_again(tmp_path, 
 
     printed, refinement = refined("first")
     assert refinement["states"] == refinement["simulated"] == 3
-    assert len(list((tmp_path / "cache" / "capsbayes" / "states").glob("square-8-*/state-*.part"))) == 3
-    assert "3 states of refinement 8 were added to the model where the posterior lies: 0 of earlier runs" in printed
+    assert len(list((tmp_path / "cache" / "capsbayes" / "states").glob("square-12-*/state-*.part"))) == 3
+    assert "3 states of refinement 12 were added to the model where the posterior lies: 0 of earlier runs" in printed
     printed, refinement = refined("second")
     assert refinement["reused"] == 3
     assert ": 3 of earlier runs" in printed
