@@ -431,7 +431,7 @@ def with_mesh_errors(dataset: xr.Dataset, coarse: MembraneDatabase) -> xr.Datase
         missing = int(np.count_nonzero(distance > _SAME))
         raise InputError("coarse", "states", "one with the parameters of each fine state", f"none for {missing}")
     lacking = np.setdiff1d(np.arange(len(coarse)), same)
-    away, near = KDTree(here).query(places[lacking], min(_LIKE, len(here)))
+    away, near = map(np.asarray, KDTree(here).query(places[lacking], np.arange(1, min(_LIKE, len(here)) + 1)))
     weights = np.exp(-((2.0 * away / away[:, -1:]) ** 2))
     weights /= weights.sum(axis=1, keepdims=True)
 
