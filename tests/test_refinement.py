@@ -95,8 +95,7 @@ def test_far_from_the_new_states_a_model_stays_as_it_was(joined):
     away = np.abs(after(theta).axial_length - before(theta).axial_length)
     assert np.nanmedian(away) < 2e-5
     assert np.nanmax(away) > 1e-4
-    lost = before(theta).inside & ~after(theta).inside  # among new states, polynomials reach less far
-    assert lost.sum() <= 1
+    assert np.all(after(theta).inside[before(theta).inside])
 
 
 def test_states_of_another_channel_are_not_joined():
@@ -115,7 +114,7 @@ def test_the_truth_is_nearer_and_the_model_says_its_error_rightly(found):
     assert abs(after.mean()) < after.std()
     assert found.share_after < found.share_before - 0.1
     assert found.agrees
-    assert 0.2 < found.rounds[-1].score < 1.5
+    assert all(0.2 < made.score < 1.5 for made in found.rounds)
 
 
 @pytest.mark.slow

@@ -74,8 +74,9 @@ def test_the_error_of_a_mesh_is_a_share_of_the_change_from_a_coarser_one():
     few = with_mesh_errors(fine.isel(state=slice(15), lost_state=slice(0)), MembraneDatabase(moved))
     np.testing.assert_allclose(few["numbers_mesh_error"][15:], 0.01, rtol=1e-9)  # of the last, the whole mean change
     np.testing.assert_allclose(few["silhouette"], fine["silhouette"], atol=1e-4)
-    for name in ("values", "numbers", "profile_along", "mesh", "tension", "lost"):
-        np.testing.assert_allclose(few[name], fine[name], atol=0.01)
+    for name in ("values", "numbers", "profile_along", "tension", "lost"):
+        np.testing.assert_allclose(few[name], fine[name], atol=1e-6)
+    np.testing.assert_allclose(few["mesh"], fine["mesh"], atol=0.01)  # a start, smoothed
     with pytest.raises(InputError, match="none for 5"):
         with_mesh_errors(fine, MembraneDatabase(moved.isel(state=slice(5, None))))
 

@@ -28,19 +28,18 @@ from capsbayes.surrogate.plane import OUTLINES, DatabaseModel, aligned
 # the dimple ends and coarse beyond. Ca and K count by their logarithm, bending by its root, the width of a rim
 
 _FINE = 0.04  # tension over G_s up to which inflation counts about evenly
-_MIDDLE = np.array([-3.07, 0.925, -1.93, 0.81, 0.5, 0.0127])
-_SCALE = np.array([0.431, 0.0647, 0.67, 0.741, 0.308, 0.0217])  # change of each that counts as one
+_COUNTS = np.array([0.6, 0.6, 0.8, 1.5, 1.0, 2.5])  # change of each coordinate, over its spread, that counts as one
 
 
 def coordinates(values: Floats) -> Floats:
-    """Return the scaled coordinates (n, 6) of parameters (n, 6) in the order of `FREE_PARAMETERS`."""
+    """Return the coordinates (n, 6) of parameters (n, 6) in the order of `FREE_PARAMETERS`."""
     ca, size, inflation, modulus, hardening, bending = values.T
     columns = np.log(ca), size, np.log(2.0 * modulus * inflation + _FINE), np.log(modulus), hardening, np.sqrt(bending)
-    return (np.stack(columns, axis=1) - _MIDDLE) / _SCALE
+    return np.stack(columns, axis=1)
 
 
 def along_coordinates(values: Floats, along: Floats) -> Floats:
-    """Turn derivatives (n, q, 6) along the parameters into derivatives (n, q, 6) along the scaled coordinates."""
+    """Turn derivatives (n, q, 6) along the parameters into derivatives (n, q, 6) along the coordinates."""
     ca, _, inflation, modulus, _, bending = values.T[:, :, None]
     turned = along.copy()
     turned[..., 0] *= ca
@@ -48,7 +47,29 @@ def along_coordinates(values: Floats, along: Floats) -> Floats:
     turned[..., 2] = per_tension * (2.0 * modulus * inflation + _FINE)
     turned[..., 3] = modulus * along[..., 3] - 2.0 * modulus * inflation * per_tension  # at constant tension
     turned[..., 5] *= 2.0 * np.sqrt(bending)
-    return turned * _SCALE
+    return turned
+
+
+@dataclass(frozen=True, eq=False)
+class StateCoordinates:
+    """Coordinates about the middle (6,) of a set of states, scaled (6,) so that one counts as much as another."""
+
+    middle: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, values: Floats) -> StateCoordinates:
+        """Return that of states with parameters (n, 6)."""
+        raw = coordinates(values)
+        return cls(raw.mean(axis=0), _COUNTS * raw.std(axis=0))
+
+    def points(self, values: Floats) -> Floats:
+        """Return the scaled coordinates (n, 6) of parameters (n, 6)."""
+        return (coordinates(values) - self.middle) / self.scale
+
+    def slopes(self, values: Floats, along: Floats) -> Floats:
+        """Turn derivatives (n, q, 6) along the parameters into those along the scaled coordinates."""
+        return along_coordinates(values, along) * self.scale
 
 
 # Compiled evaluation of local polynomials: their weighted mean at each point, and how far they differ there
@@ -349,6 +370,7 @@ _PLAIN = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
 class MembraneDomain(Domain):
     """Points that enough polynomials reach, and that are nearer to a state than to a lost one."""
 
+    frame: StateCoordinates
     fits: LocalFits
     cross_section: str
 
@@ -360,7 +382,7 @@ class MembraneDomain(Domain):
         columns = (capillary_number, size_ratio, *further, *NULL_VALUES[2 + len(further) :])
         values = np.stack(aligned(*columns), axis=1)
         inside = covered(values, self.cross_section)
-        inside[inside] = reached(coordinates(values[inside]), *self.fits[:5])
+        inside[inside] = reached(self.frame.points(values[inside]), *self.fits[:5])
         return inside
 
     def at(self, values: Mapping[str, float]) -> Domain:
@@ -435,17 +457,18 @@ class MembraneSurrogate(DatabaseModel):
         }
         self.stored_coefficients = states[kind]  # (states, k) [l]: of the modes of each stored outline
         self.mode_shapes, self._mean = states[f"{kind}_modes"], states[f"{kind}_mean"]  # (k, p, 2), (p, 2) [l]
+        self._frame = StateCoordinates.of(states["values"])
         numbers = np.concatenate([states["numbers"], self.stored_coefficients], axis=1)
         if not states.has_mesh_error:
             raise DatabaseError("membrane database: expected states with the error of their mesh, got none with it")
         of_mesh = np.concatenate([states["numbers_mesh_error"], states[f"{kind}_mesh_error"]], axis=1)
         along = np.concatenate([states["numbers_along"], states[f"{kind}_along"]], axis=1)
-        places, slopes = coordinates(states["values"]), along_coordinates(states["values"], along)
-        self._fits = local_fits(places, numbers, slopes, coordinates(states["lost"]), of_mesh / _ERROR)
+        places, slopes = self._frame.points(states["values"]), self._frame.slopes(states["values"], along)
+        self._fits = local_fits(places, numbers, slopes, self._frame.points(states["lost"]), of_mesh / _ERROR)
         self._variance = _ERROR**2  # of the error, over that of the local polynomials
         self._width = numbers.shape[1]
         self._change = _CHANGES * float(np.median(self._fits.reaches))  # over it its own error changes
-        self.domain = MembraneDomain(self._fits, states.cross_section)
+        self.domain = MembraneDomain(self._frame, self._fits, states.cross_section)
 
     @classmethod
     def open(cls, source: str | os.PathLike[str], *, view: str = MID_PLANE) -> MembraneSurrogate:
@@ -454,7 +477,7 @@ class MembraneSurrogate(DatabaseModel):
         Raises
         ------
         DatabaseError
-            If the database cannot be read.
+            If the database cannot be read, or its states have no error of their mesh.
         InputError
             On an unknown view.
         """
@@ -471,7 +494,7 @@ class MembraneSurrogate(DatabaseModel):
         values = parameter_columns({name: np.array([value]) for name, value in theta.items()})
         if not self.domain.contains(*values.T)[0]:
             raise self._outside(theta)
-        weights, numbers, errors = each(coordinates(values)[0], *self._fits)
+        weights, numbers, errors = each(self._frame.points(values)[0], *self._fits)
         mean = weights @ numbers
         away = np.concatenate([numbers - mean, errors])[:, _NUMBERS:]
         shape = self.outlines_of(mean[None, _NUMBERS:])[0]
@@ -529,8 +552,8 @@ class MembraneSurrogate(DatabaseModel):
         """
         width = self._width if outline else _NUMBERS
         means, covariances, slopes = self._averaged(theta, width, _ERRING, slopes=True)
-        begin = coordinates(parameter_columns(theta))
-        away = np.array([coordinates(parameter_columns(other)) - begin for other in moved])
+        begin = self._frame.points(parameter_columns(theta))
+        away = np.array([self._frame.points(parameter_columns(other)) - begin for other in moved])
         changes = np.einsum("nqa,mna->mnq", slopes, away)
         return self._prediction(means, covariances, outline=False), means[:, _NUMBERS:], changes
 
@@ -545,14 +568,14 @@ class MembraneSurrogate(DatabaseModel):
 
         Between simulated capsules of one membrane the correlation of the error falls as exp(-r^2 / 2), r in these.
         """
-        return self._change * _SCALE[:2]
+        return self._change * self._frame.scale[:2]
 
     def error_places(self, theta: Mapping[str, Floats]) -> Floats:
         """Return scaled coordinates of flow, size and membrane of a batch : (n, 6) array.
 
         The model's own error changes over a distance of about one.
         """
-        return np.asarray(coordinates(parameter_columns(theta)) / self._change)
+        return np.asarray(self._frame.points(parameter_columns(theta)) / self._change)
 
     def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
         """Return the same of the membranes alone : (n, 4) array."""
@@ -566,7 +589,7 @@ class MembraneSurrogate(DatabaseModel):
         places = np.tile(np.array(NULL_VALUES), (len(values) + 1, 1))
         column = FREE_PARAMETERS.index(name)
         places[1:, column] = values
-        along = coordinates(places)[:, column]
+        along = self._frame.points(places)[:, column]
         return np.asarray(np.abs(along[1:] - along[0]) / self._change)
 
     def _averaged(
@@ -577,7 +600,7 @@ class MembraneSurrogate(DatabaseModel):
         self.check_names(theta)
         values = parameter_columns(theta)
         inside = covered(values, self.membrane_database.cross_section)
-        points = coordinates(values[inside])
+        points = self._frame.points(values[inside])
         means, covariances, along = averaged(points, *self._fits, width, spread, slopes)
         if slopes:
             along = _spread_out(along, inside)
