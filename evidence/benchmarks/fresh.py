@@ -65,7 +65,7 @@ def chosen_cases(model: Surrogate | EffectSurrogate) -> list[tuple[float, float,
     ladder, chosen = np.geomspace(0.002, 0.35, 2000), []
     for share, along in qmc.Halton(2, scramble=True, rng=7).random(4 * PAIRS):
         size, effect, at = round(first + 0.01 + share * (last - first - 0.02), 4), 0.0, {}
-        for coordinate, (low, high, _) in model.coordinates.items():
+        for coordinate, (low, high, *_) in model.coordinates.items():
             effect = low * (high / low) ** along if coordinate == "hardening" else low + along * (high - low)
             effect = round(effect, 5)
             at[coordinate] = np.full_like(ladder, effect)

@@ -8,6 +8,7 @@ import pytest
 from capsbayes import Surrogate
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.model import UNSURE_SHAPES
+from evidence.benchmarks.fresh import COUNT, chosen_cases
 from evidence.benchmarks.off_nodes import PAGE, at_nodes, compared, off_nodes, on_its_mesh, without_mesh_error
 
 SHIPPED = Database.shipped()
@@ -150,3 +151,14 @@ def test_shapes_with_a_large_stated_error_are_a_caveat():
     relative = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))[:, :2] / found.values[:, :2]
     np.testing.assert_array_equal(unsure[found.inside], (relative > 0.05).any(axis=1)[found.inside])
     assert 0 < unsure.sum() < found.inside.sum()
+
+
+@pytest.mark.parametrize("name", ["circular-skalak", "square-hardening", "square-pre-inflation"])
+def test_fresh_cases_lie_inside_a_model_and_not_at_its_nodes(name):
+    model = opened(name)
+    effect, size, ca = np.array(chosen_cases(model)).T
+    assert len(ca) == COUNT
+    assert model.domain.contains(ca, size, *dict.fromkeys(model.coordinates, effect).values()).all()
+    known = model.database
+    apart = np.abs(np.log(ca[:, None] / known["capillary_number"])) + np.abs(size[:, None] - known["size_ratio"])
+    assert np.all(np.min(apart, axis=1) > 1e-4)
