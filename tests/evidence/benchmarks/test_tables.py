@@ -76,6 +76,17 @@ def test_tables_have_every_row():
     assert list(stored(mutation)) == list(mutation.ROOMS)
 
 
+def test_intervals_of_batches_hold_on_every_mesh():
+    """The same capsules at refinement 8, 12 and 16, with states of 12."""
+    answers = stored(membrane_batches)["meshes"]
+    assert len(answers) == 9
+    for answer in answers.values():
+        for name in ("surface_shear_modulus", "area_dilation_modulus"):
+            _, low, high, truth = answer[name]
+            assert low < truth < high
+        assert answer["each 95"] > 0.8 * answer["each"]
+
+
 def test_a_film_is_hardly_wider_than_its_best_frame():
     """By chance only, where both have little but the misfit that all frames share."""
     films = [one for one in stored(film_silhouettes).values() if one.get("film")]
