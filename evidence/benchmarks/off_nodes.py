@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from capsbayes.arrays import Integers
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, ForwardModel
+from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
 from evidence.benchmarks.fresh import FRESH
@@ -110,16 +112,16 @@ def compared(name: str, model: ForwardModel, shapes: Shapes, *, outlines: bool =
         np.abs(away).max(axis=0),
         np.sqrt(np.mean(z**2, axis=0)),
         np.abs(z).max(axis=0),
-        outline_z(model, shapes, found) if found.outline is not None else np.nan,
+        outline_z(model, shapes, found, np.flatnonzero(kept)) if found.outline is not None else np.nan,
         float(stated[~flagged[kept]].max(initial=0.0)),
         int(wrong.sum()),
     )
 
 
-def outline_z(model: ForwardModel, shapes: Shapes, found) -> float:
+def outline_z(model: ForwardModel, shapes: Shapes, found: Prediction, kept: Integers) -> float:
     """Return the rms over shapes of the rms displacement of the outline over the rms of its stated error."""
     ratios = []
-    for k in np.flatnonzero(found.inside)[:: max(1, int(found.inside.sum()) // 20)]:
+    for k in kept[:: max(1, len(kept) // 20)]:
         modes = model.outline_modes(**{key: float(value[k]) for key, value in shapes.theta.items()})
         away = np.sum((shapes.outlines[k] - found.outline[k]) * vertex_normals(found.outline[k]), axis=1)
         ratios.append(np.mean(away**2) / np.mean(np.sum(modes**2, axis=0)))

@@ -13,10 +13,11 @@ from evidence.benchmarks.off_nodes import PAGE, at_nodes, compared, off_nodes, o
 
 SHIPPED = Database.shipped()
 EFFECTS = [name for name in SHIPPED if Database.open(name).effect != NO_EFFECT]
-# of L_z off the nodes [l], and of z
-USUAL = 0.01, 1.3
+# of L_z off the nodes [l], of z, and of the largest z
+USUAL = 0.01, 1.3, 4.0
 WIDER = {
-    ("square-section-aspect", "section aspect 0.925"): (0.03, 1.3),  # its limit of existence lies among the shapes
+    ("square-section-aspect", "section aspect 0.925"): (0.03, 1.3, 4.0),  # its limit of existence lies among the shapes
+    ("circular-skalak", "fresh"): (0.01, 1.3, 4.3),  # one of them wrinkles, and the model has that caveat there
 }
 
 
@@ -93,11 +94,11 @@ def test_a_finer_base_leaves_the_nodes_of_an_effect_on_their_branch(name):
 def test_simulations_off_the_nodes_lie_within_the_stated_errors(name):
     for shapes in off_nodes(name):
         row = compared(name, matching(name), shapes, outlines=False)
-        most, over_stated = WIDER.get((name, row.where), USUAL)
+        most, over_stated, largest = WIDER.get((name, row.where), USUAL)
         assert row.inside > 0.95 * row.count
         assert row.rms[0] < most
         assert (row.z < over_stated).all()
-        assert (row.largest_z < 4.0).all()
+        assert (row.largest_z < largest).all()
         assert row.stated <= 0.05
         check_shown(row)
 
