@@ -163,8 +163,7 @@ def build_membranes(
     recipe: MembraneRecipe, *, out: Path, scheduler: str | None = None, workers: int | None = None
 ) -> MembraneDatabase:
     """Simulate a database over flow and membrane; finished states are kept in ``OUT.*parts``."""
-    # They are sought on the coarse mesh, where those that it does not resolve count as lost, and then found again on the
-    # fine one.
+    # They are sought on the coarse mesh, where those that it does not resolve count as lost, then on the fine one.
     check_replaceable(out)
     continuation = membrane_continuation(recipe.cross_section, recipe.coarse)
     places = membrane_places(continuation, spread_points(recipe.states, recipe.border_states))
