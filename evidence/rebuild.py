@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable
-from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.membrane_database import FREE_PARAMETERS, THICK, MembraneDatabase, highest_ca, lowest_ca
 from capsbayes.physics.build import (
     Cases,
     SteadySimulator,
@@ -118,18 +120,18 @@ def recipe_named(name: str) -> Recipe:
 
 
 class MembraneRecipe(NamedTuple):
-    """A cross-section, how many places are sought within the range and on its border, and the meshes."""
+    """A cross-section, how many places are sought within a range and on its border, and the meshes."""
 
     cross_section: str
-    states: int
-    border_states: int
+    thin: tuple[int, int]  # bending stiffness up to `THICK`
+    thick: tuple[int, int]  # from there on
     refinement: int = 12
     coarse: int = 8  # refinement of the mesh on which states are sought
 
 
 MEMBRANES = {
-    "membrane-square": MembraneRecipe("square", 2048, 1024),
-    "membrane-circular": MembraneRecipe("circular", 512, 0),
+    "membrane-square": MembraneRecipe("square", (2048, 1024), (512, 256)),
+    "membrane-circular": MembraneRecipe("circular", (512, 0), (256, 0)),
 }
 """Recipes of the shipped databases over the membrane, by their names."""
 
@@ -147,10 +149,13 @@ def spread_points(states: int, border_states: int) -> Floats:
     return points
 
 
-def membrane_places(continuation: Continuation, points: Floats) -> Floats:
-    """Return the places (n, 6) where states are sought, of points (n, 6) from 0 to 1."""
-    places = points.copy()
-    places[:, -1] *= continuation.axes[-1].unit(RANGES[-1][1])  # no larger a bending stiffness than the model holds for
+def membrane_places(continuation: Continuation, thin: tuple[int, int], thick: tuple[int, int]) -> Floats:
+    """Return the places (n, 6) where states of thin and of thick membranes are sought; see `spread_points`."""
+    places, further = spread_points(*thin), spread_points(*thick)
+    middle = continuation.axes[-1].unit(THICK)
+    places[:, -1] *= middle
+    further[:, -1] = middle + (1.0 - middle) * further[:, -1]
+    places = np.concatenate([places, further])
     _, size, inflation, _, hardening, _ = continuation.values(places).T
     cross_section = str(continuation.settings["cross_section"])
     low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
@@ -166,7 +171,7 @@ def build_membranes(
     # They are sought on the coarse mesh, where those that it does not resolve count as lost, then on the fine one.
     check_replaceable(out)
     continuation = membrane_continuation(recipe.cross_section, recipe.coarse)
-    places = membrane_places(continuation, spread_points(recipe.states, recipe.border_states))
+    places = membrane_places(continuation, recipe.thin, recipe.thick)
     start = continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))  # a parachute
     folder = f"{out}.coarse.parts"
     sought = scattered_states(continuation, start, places, folder=folder, scheduler=scheduler, workers=workers)

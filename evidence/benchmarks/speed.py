@@ -38,7 +38,8 @@ from capsbayes.image.film import measure_film
 from capsbayes.infer import Posterior, Prior, Quadrature
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.prior import Inputs
-from capsbayes.membrane_database import FREE_PARAMETERS
+from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
+from capsbayes.physics.scattered import membrane_continuation, state_of
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.surrogate.diffuse import PlaneScaling
 from evidence.benchmarks import membrane_coverage as coverage
@@ -162,6 +163,24 @@ def many_shared(number: int) -> Callable[[], Row]:
         answers: list[Any] = []
         found = clocked(lambda: answers.append(identify_membrane(batch, coverage.experiment(), seed=1, laws=False)), 1)
         return found | {"remark": f"without the odds of laws; {answers[0].status.name}"}
+
+    return run
+
+
+def simulated_from_the_nearest(refinement: int) -> Callable[[], Row]:
+    """Return what times five states of the square database, each simulated from the one next to it."""
+
+    def run() -> Row:
+        database, continuation = MembraneDatabase.open("square"), membrane_continuation("square", refinement)
+        places = continuation.places(database["values"])
+        some = np.linspace(0, len(places) - 1, 7, dtype=int)[1:-1].tolist()
+        next_to = [int(np.argsort(np.linalg.norm(places - places[number], axis=1))[1]) for number in some]
+        starts = [state_of(database, continuation, number) for number in next_to]
+        pairs = list(zip(starts, places[some], strict=True))
+        ends: list[Any] = []
+        found = clocked(lambda: ends.extend(continuation.reached(*pair, derivatives=False) for pair in pairs), FEW)
+        times = {name: seconds / len(pairs) for name, seconds in found.items()}
+        return times | {"remark": f"mean of {len(pairs)}; {len(pairs) - ends[: len(pairs)].count(None)} reached"}
 
     return run
 
@@ -448,6 +467,8 @@ ROWS = {
     "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, writing(*MEMBRANE, runs=1)),
     "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, writing(*ALONE, runs=1)),
     "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
+    "simulated, 8": Timed("a shape from the next state, refinement 8", 0.5, simulated_from_the_nearest(8)),
+    "simulated, 12": Timed("the same at refinement 12", 1.2, simulated_from_the_nearest(12)),
     "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, writing("diagnose", SESSION, runs=1)),
 }
 

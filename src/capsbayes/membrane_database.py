@@ -25,8 +25,11 @@ from capsbayes.parameters import OF_THE_MEMBRANE
 FREE_PARAMETERS = ("capillary_number", "size_ratio", *OF_THE_MEMBRANE)
 """Parameters over which the states are scattered, in their order."""
 
-RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5, 1e-3))
+RANGES = ((0.01, 0.208), (0.75, 1.1), (0.0, 0.1), (1.0, 5.0), (0.0, 1.0), (1e-5, 1e-2))
 """Lowest and highest value of each."""
+
+THICK = 1e-3
+"""Bending stiffness above which a membrane is a thick one; states of these are fewer."""
 
 NULL_VALUES = (0.05, 0.9, 0.0, 3.0, 0.0, 2e-4)
 """Values of a neo-Hookean membrane without inflation, of the bending stiffness of the plain databases."""

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 
 from capsbayes.errors import InputError
-from capsbayes.membrane_database import MembraneDatabase, covered
+from capsbayes.membrane_database import THICK, MembraneDatabase, covered
 from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states, with_mesh_errors
 from evidence.rebuild import MembraneRecipe, build_membranes, membrane_places, spread_points
 
 
 def test_places_lie_where_states_are_sought():
     continuation = membrane_continuation("square")
-    values = continuation.values(membrane_places(continuation, spread_points(512, 256)))
+    values = continuation.values(membrane_places(continuation, (512, 256), (64, 32)))
     assert covered(values[1:]).all()  # the first is a corner
+    assert np.all(values[:768, -1] <= THICK * (1.0 + 1e-12))
+    assert np.all(values[768:, -1] >= THICK * (1.0 - 1e-12))
 
 
 def test_border_points_follow_the_others_and_reach_every_face():
@@ -83,10 +85,10 @@ def test_the_error_of_a_mesh_is_a_share_of_the_change_from_a_coarser_one():
 
 @pytest.mark.slow
 def test_a_small_one_is_built_and_read(tmp_path):
-    few = MembraneRecipe("square", 2, 1, refinement=5, coarse=4)
+    few = MembraneRecipe("square", (2, 1), (1, 1), refinement=5, coarse=4)
     built = build_membranes(few, out=tmp_path / "few.nc", scheduler="synchronous")
     again = MembraneDatabase.open(tmp_path / "few.nc")
     assert again.sha256 == built.sha256
-    assert built.as_dict()["states"] + built.as_dict()["lost"] == 3
+    assert built.as_dict()["states"] + built.as_dict()["lost"] == 5
     assert built.settings["refinement"] == 5
     assert np.all(np.any(built["profile_mesh_error"] != 0.0, axis=1))

@@ -12,7 +12,7 @@ import numpy as np
 from capsbayes.arrays import Floats
 from capsbayes.database import Database
 from capsbayes.effects.analytic import ANALYTIC
-from capsbayes.membrane_database import FREE_PARAMETERS, RANGES, MembraneDatabase
+from capsbayes.membrane_database import MembraneDatabase
 from capsbayes.model import Effect, ForwardModel, Kind, Theta
 from capsbayes.parameters import OF_THE_MEMBRANE, PARAMETERS, Parameter
 from capsbayes.prediction import NUMBERS, Prediction
@@ -185,15 +185,6 @@ def catalogue(cross_section: str = "square") -> dict[str, Effect]:
     if cross_section == "square":
         effects += [effect for effect in SIMULATED.values() if effect.of_membrane or effect.database in shipped]
     elif cross_section in MembraneDatabase.shipped():
-        effects += [_within_states(effect) for effect in SIMULATED.values() if effect.of_membrane]
+        effects += [effect for effect in SIMULATED.values() if effect.of_membrane]
     effects += [effect() for effect in ANALYTIC]
     return {effect.parameter.name: effect for effect in effects}
-
-
-def _within_states(effect: Simulated) -> Simulated:
-    """Return an effect of the membrane for sizes that the scattered states have."""
-    low, high = RANGES[FREE_PARAMETERS.index(effect.coordinate)]
-    prior = effect.prior
-    if low <= prior.low and prior.high <= high:
-        return effect
-    return replace(effect, prior=Quantity.log_uniform(max(low, prior.low), min(high, prior.high)))

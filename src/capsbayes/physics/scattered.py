@@ -439,8 +439,9 @@ def with_mesh_errors(dataset: xr.Dataset, coarse: MembraneDatabase) -> xr.Datase
     there = {name: coarse[name].copy() for name in kept}
     for view in ("profile", "silhouette"):
         modes = dataset[f"{view}_modes"].values
-        turned = np.einsum("kpi,mpi->km", coarse[f"{view}_modes"], modes)
-        offset = np.einsum("pi,mpi->m", coarse[f"{view}_mean"] - dataset[f"{view}_mean"].values, modes)
+        inverse = np.linalg.pinv(modes.reshape(len(modes), -1)).reshape(*modes.shape[1:], -1)
+        turned = np.tensordot(coarse[f"{view}_modes"], inverse, 2)
+        offset = np.tensordot(coarse[f"{view}_mean"] - dataset[f"{view}_mean"].values, inverse, 2)
         there[view] = offset + coarse[view] @ turned
         there[f"{view}_along"] = np.einsum("nkp,km->nmp", coarse[f"{view}_along"], turned)
     errors = {}
@@ -498,12 +499,11 @@ def _tension_along(continuation: Continuation, state: ScatteredState) -> Floats:
 
 _OFFSETS = (0.0, None, 0.01, 0.0, None, 0.0)  # of the logarithms along which places are spread; None: evenly
 _FARTHEST_CA = 0.25  # end of the axis of Ca, beyond the highest Ca of the states
-_LARGEST_BENDING = 1e-2  # end of the axis of B
 
 
 def membrane_continuation(cross_section: str, refinement: int = 8) -> Continuation:
     """Return the continuation over `FREE_PARAMETERS` in a channel."""
-    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:-1], (RANGES[-1][0], _LARGEST_BENDING)]
+    ranges = [(RANGES[0][0], _FARTHEST_CA), *RANGES[1:]]
     axes = (Axis(name, *ends, offset) for name, ends, offset in zip(FREE_PARAMETERS, ranges, _OFFSETS, strict=True))
     simulator = Simulator(
         GeneralLaw(3.0, 0.3),

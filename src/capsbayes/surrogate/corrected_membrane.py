@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.database import Database
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES
 from capsbayes.model import Domain, ForwardModel
 from capsbayes.parameters import OF_THE_MEMBRANE
 from capsbayes.prediction import NUMBERS, Prediction
@@ -41,8 +41,7 @@ Names = tuple[str, ...]
 class CorrectedMembrane(ForwardModel):
     """Forward model over Ca, a/l and the parameters of the membrane, on top of a plain surrogate.
 
-    Where the joint surrogate does not hold, the changes due to each parameter alone are added up, and so is the change
-    due to a parameter beyond the range of the joint surrogate.
+    Where the joint surrogate does not hold, the changes due to each parameter alone are added up.
 
     Parameters
     ----------
@@ -89,26 +88,22 @@ class CorrectedMembrane(ForwardModel):
             return _modes(finer, values, names)
         if not self.domain.contains(*values.T)[0]:
             raise self._outside(theta)
-        within = self._within(values)
-        if not self.joint.domain.contains(*within.T)[0]:
+        if not self.joint.domain.contains(*values.T)[0]:
             return np.concatenate([self.outline_modes(**_point(values, (name,))) for name in names])
-        weights, left = self._weights(names, within)
-        modes = [np.sqrt(left) * _modes(self.joint, within, names)]
+        weights, left = self._weights(names, values)
+        modes = [np.sqrt(left) * _modes(self.joint, values, names)]
         for known, weight in weights.items():
             finer = self._finer(known)
             assert finer is not None, "its error is known"
             if np.abs(weight[0]) > _NOTHING:
-                modes.append(weight * _modes(finer, within, known))
-        beyond = [name for name in names if _column(within, name) != _column(values, name)]
-        return np.concatenate([*modes, *(self.outline_modes(**_point(values, (name,))) for name in beyond)])
+                modes.append(weight * _modes(finer, values, known))
+        return np.concatenate(modes)
 
     def added_up(self, theta: Mapping[str, ArrayLike]) -> Booleans:
         # Where several parameters differ and the joint surrogate does not hold.
         values = parameter_columns(theta)
         several = np.count_nonzero(values[:, _OF_FLOW:] != NULL_VALUES[_OF_FLOW:], axis=1) > 1
-        within = self._within(values)
-        beyond = np.any(within != values, axis=1)
-        return np.asarray(several & (beyond | ~self.joint.domain.contains(*within.T)))
+        return np.asarray(several & ~self.joint.domain.contains(*values.T))
 
     def _finer(self, names: Names) -> ForwardModel | None:
         """Return the finer model of membranes that differ in these parameters; None if there is none."""
@@ -121,23 +116,16 @@ class CorrectedMembrane(ForwardModel):
         finer = self._finer(names)
         if finer is not None:
             return finer(_theta(values, names), outline=outline)
-        within = self._within(values)
-        seen = self.joint(_theta(within, names), outline=outline)
-        weights, left = self._weights(names, within)
+        seen = self.joint(_theta(values, names), outline=outline)
+        weights, left = self._weights(names, values)
         table, covariance = _table(seen), left[:, None, None] * seen.covariance
         for known, weight in weights.items():
             rows = np.flatnonzero(np.abs(weight) > _NOTHING)
             if len(rows):
-                fine = self._predicted(known, within[rows], outline)
-                coarse = self.joint(_theta(within[rows], known), outline=outline)
+                fine = self._predicted(known, values[rows], outline)
+                coarse = self.joint(_theta(values[rows], known), outline=outline)
                 table[rows] += weight[rows, None] * (_table(fine) - _table(coarse))
                 covariance[rows] += weight[rows, None, None] ** 2 * fine.covariance
-        for name in names:
-            rows = np.flatnonzero(_column(within, name) != _column(values, name))
-            if len(rows):
-                there, here = (self._predicted((name,), some[rows], outline) for some in (values, within))
-                table[rows] += _table(there) - _table(here)
-                covariance[rows] += there.covariance
         apart = np.flatnonzero(~seen.inside)
         if len(apart) and len(names) > 1:
             table[apart], covariance[apart] = self._added_up(names, values[apart], outline)
@@ -176,14 +164,6 @@ class CorrectedMembrane(ForwardModel):
             inside = finer.domain.contains(*columns)
             known[rows] = inside & self.joint.domain.contains(*_alone(there, names).T)
         return known
-
-    def _within(self, values: Floats) -> Floats:
-        """Return the parameters (n, 6), at the end of the joint range those beyond it that have a finer model."""
-        within = values.copy()
-        for names in self._databases:
-            column = FREE_PARAMETERS.index(names[0])
-            within[:, column] = np.clip(values[:, column], *RANGES[column])
-        return within
 
 
 @dataclass(frozen=True, eq=False)

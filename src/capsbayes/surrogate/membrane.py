@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import DatabaseError
 from capsbayes.measurement import MID_PLANE, check_view
-from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, MembraneDatabase, covered
+from capsbayes.membrane_database import FREE_PARAMETERS, NULL_VALUES, RANGES, THICK, MembraneDatabase, covered
 from capsbayes.model import CoordinateRange, Domain
 from capsbayes.prediction import Prediction
 from capsbayes.profile import vertex_normals
@@ -59,8 +59,8 @@ class StateCoordinates:
 
     @classmethod
     def of(cls, values: Floats) -> StateCoordinates:
-        """Return that of states with parameters (n, 6)."""
-        raw = coordinates(values)
+        """Return that of states with parameters (n, 6): by their thin membranes, where most of the states are."""
+        raw = coordinates(values[values[:, -1] <= THICK])
         return cls(raw.mean(axis=0), _COUNTS * raw.std(axis=0))
 
     def points(self, values: Floats) -> Floats:

@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 
 from capsbayes import Surrogate
+from capsbayes.membrane_database import THICK, MembraneDatabase
 from capsbayes.report.posterior import BEYOND_LAWS
+from capsbayes.surrogate import MembraneSurrogate
 from evidence.benchmarks import (
     bending,
     conditions,
@@ -199,9 +201,41 @@ def test_the_errors_of_the_membrane_model_are_those_of_the_page():
         [[float(cell) for cell in line.split("|")[2:-1]] for line in text.strip().splitlines()[2:]]
         for text in (shown, membrane.errors())
     )
-    assert len(pages) == len(now) == 7
+    assert len(pages) == len(now) == 13
     for one, other in zip(pages, now, strict=True):
         assert one == pytest.approx(other, rel=0.15)  # of two digits
+
+
+def test_the_pages_state_the_errors_of_the_membrane_model_for_fresh_shapes():
+    pool = membrane_pools.stored("capsules")
+    columns = pool["values"], pool["numbers"][:, :3], pool["profile"]
+    values, relative, score, off = membrane.compared(MembraneSurrogate.open("square"), *columns)
+    page, guide = (" ".join(file.read_text().split()) for file in (membrane.PAGE, DOCS / "membrane.md"))
+    squares = np.sort(off**2)[::-1]
+    few = np.searchsorted(np.cumsum(squares), 0.9 * squares.sum()) + 1
+    assert f"{few} of the {len(off)} fresh shapes make nine tenths" in page
+    beyond = [f"{share:.1%}"[:-1] for share in np.mean(np.abs(score) > 1.96, axis=0)]
+    assert f"{beyond[0]}, {beyond[1]} and {beyond[2]} % differ by more than 1.96 standard deviations" in page
+    assert f"The largest $z$, {np.abs(score).max():.2g}," in page
+    assert f"For {len(off)} capsules at random places" in guide
+    assert f"{beyond[0]} % of L_z and {beyond[2]} % of $v_\\mathrm{{o}}/U$" in guide
+    usual = pool["refinement"] == membrane_pools.USUAL
+    rows = [usual & some for some in (values[:, 5] <= THICK, values[:, 5] > THICK)]
+    thin, thick = (f"{1e3 * np.median(off[some]):.2g}e-3 l" for some in rows)
+    assert f"{thin} for the outline of thin membranes and {thick} for that of thick ones" in guide
+    thin, thick = (f"{100.0 * np.median(np.abs(relative[some, 0])):.2g} %" for some in rows)
+    assert f"those of L_z are {thin} and {thick}" in guide
+
+
+def test_the_pages_count_the_states_of_the_membrane():
+    guide, data = (" ".join(page.read_text().split()) for page in (DOCS / "membrane.md", ROOT / "data" / "README.md"))
+    square, circular = (MembraneDatabase.open(name) for name in ("square", "circular"))
+    assert f"Of the {len(square)} states" in guide
+    for states in (square, circular):
+        places = len(states) + states.dataset.sizes["lost_state"]
+        assert f"{len(states)} states" in data
+        assert f"the {places} places of that command" in data
+        assert f"{places - len(states)} places, where" in data or f"{places - len(states)} places where" in data
 
 
 def test_the_page_of_evidence_counts_the_mutants_the_targets_of_times_and_of_the_verification():
