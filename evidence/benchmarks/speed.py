@@ -467,7 +467,9 @@ ROWS = {
     "membrane": Timed("`capsbayes membrane`, 40 capsules with outlines", 300.0, writing(*MEMBRANE, runs=1)),
     "membrane alone": Timed("the same without the odds of laws (`--no-laws`)", None, writing(*ALONE, runs=1)),
     "membrane 1000": Timed("the membrane of 1,000 capsules with outlines", 3600.0, many_shared(1000)),
-    "simulated, 8": Timed("a shape from the next state, refinement 8", 0.5, simulated_from_the_nearest(8)),
+    "simulated, 8": Timed(
+        "a steady shape, simulated from the nearest stored state, refinement 8", 0.5, simulated_from_the_nearest(8)
+    ),
     "simulated, 12": Timed("the same at refinement 12", 1.2, simulated_from_the_nearest(12)),
     "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, writing("diagnose", SESSION, runs=1)),
 }
