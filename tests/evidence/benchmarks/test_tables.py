@@ -219,6 +219,8 @@ def test_the_pages_state_the_errors_of_the_membrane_model_for_fresh_shapes():
     assert f"The largest $z$, {np.abs(score).max():.2g}," in page
     assert f"For {len(off)} capsules at random places" in guide
     assert f"{beyond[0]} % of L_z and {beyond[2]} % of $v_\\mathrm{{o}}/U$" in guide
+    finest = membrane.rms(score[pool["refinement"] == membrane_pools.FINE])
+    assert f"there the differences are {finest:.1g} of the stated error" in guide
     usual = pool["refinement"] == membrane_pools.USUAL
     rows = [usual & some for some in (values[:, 5] <= THICK, values[:, 5] > THICK)]
     thin, thick = (f"{1e3 * np.median(off[some]):.2g}e-3 l" for some in rows)
