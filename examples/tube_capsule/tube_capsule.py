@@ -59,9 +59,10 @@ def main():
         lengths[law] = identified(plain, Surrogate.open(database), law, "lengths")
         silhouettes[law] = identified(measured, Surrogate.open(database, view="silhouette"), law, "silhouette")
     identified(plain, MembraneSurrogate.open("circular"), UNKNOWN, "lengths")
-    silhouettes[UNKNOWN] = identified(
-        measured, MembraneSurrogate.open("circular", view="silhouette"), UNKNOWN, "silhouette"
-    )
+    unknown = MembraneSurrogate.open("circular", view="silhouette")
+    silhouettes[UNKNOWN] = identified(measured, unknown, UNKNOWN, "silhouette")
+    far = replace(outline, points=without_corners(outline.points))
+    identified(replace(measured, outline=far), unknown, UNKNOWN, "no corners")
     if asked.out is not None:
         asked.out.mkdir(parents=True, exist_ok=True)
         write_overlay(asked.out / "overlay.png", picture, detection)
@@ -91,6 +92,12 @@ def identified(measurement, model, law, what):
         if not gate.passed:
             print(f"{'':18} {gate}")
     return posterior
+
+
+def without_corners(points):
+    """Return the points of a silhouette that are more than 0.2 R away from the two corners of its rear."""
+    corners = [points[np.argmax(side * points[:, 1] - points[:, 0])] for side in (-1.0, 1.0)]
+    return points[np.min([np.linalg.norm(points - corner, axis=1) for corner in corners], axis=0) > 0.2]
 
 
 def draw(points, silhouettes, path):

@@ -59,17 +59,19 @@ def test_the_example_tells_what_the_page_says(tmp_path):
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         patch.setattr(sys, "argv", [str(EXAMPLE), str(FOLDER), "--out", str(tmp_path)])
         runpy.run_path(str(EXAMPLE), run_name="__main__")
-    told = dict(re.findall(r"^(\S.*? (?:lengths|silhouette)) +K_s (.*?\])", printed.getvalue(), re.MULTILINE))
-    assert len(told) == 8
-    rows = re.findall(r"^\| ([^|]+) \| (lengths|silhouette) \| ([^|]+) \|", PAGE.read_text(), re.MULTILINE)
+    by = "lengths|silhouette|no corners"
+    told = dict(re.findall(rf"^(\S.*? (?:{by})) +K_s (.*?\])", printed.getvalue(), re.MULTILINE))
+    assert len(told) == 9
+    rows = re.findall(rf"^\| ([^|]+) \| ({by}) \| ([^|]+) \|", PAGE.read_text(), re.MULTILINE)
     assert len(rows) == len(told)
     numbers = re.compile(r"\d+\.\d+")
     told = {" ".join(name.split()): [float(each) for each in numbers.findall(text)] for name, text in told.items()}
-    for law, by, moduli in rows:
-        assert told[f"{law} {by}"] == pytest.approx([float(each) for each in numbers.findall(moduli)], rel=0.03)
+    for law, how, moduli in rows:
+        assert told[f"{law} {how}"] == pytest.approx([float(each) for each in numbers.findall(moduli)], rel=0.03)
     _, low, high = told["membrane unknown lengths"]
     assert low < 0.55 < high
+    assert told["membrane unknown no corners"][2] < 0.55
     misfits = [float(each) for each in re.findall(r"misfit (\S+)", printed.getvalue())]
-    assert len(misfits) == 4
+    assert len(misfits) == 5
     assert max(misfits) < 4.0
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".html"}
