@@ -43,6 +43,7 @@ QUANTITIES = {
 }
 KINDS = ("lengths", "outline")
 MODELS = {"unknown": "membrane unknown", "neo-Hookean": "neo-Hookean, no inflation"}
+FINE = f"membrane unknown; of these those of refinement {membrane_pools.FINE}"
 NOT_TO_BE_USED = "do not use"  # in the sentence of a status
 
 
@@ -154,18 +155,20 @@ def run(folder: Path, pool: str, kind: str, count: int) -> None:
 
 def counted(folder: Path, pool: str) -> dict[str, dict[str, Any]]:
     """Return counts and medians of what a folder holds of a pool, by kind and by model or law."""
-    rows, inside = {}, capsules(pool)
-    groups = {"": list(inside)}
+    rows, inside, stored = {}, capsules(pool), membrane_pools.stored(pool)
+    groups = {name: {name: list(inside)} for name in models_of(pool)}
     if pool == "others":
-        laws = membrane_pools.stored(pool)["law"]
-        groups = {law: [row for row in inside if laws[row] == n] for n, law in enumerate(membrane_pools.OTHER_LAWS)}
+        laws = {law: stored["law"] == n for n, law in enumerate(membrane_pools.OTHER_LAWS)}
+        groups = {"unknown": {law: [row for row in inside if of_law[row]] for law, of_law in laws.items()}}
+    else:
+        groups["unknown"][FINE] = [row for row in inside if stored["refinement"][row] == membrane_pools.FINE]
     for kind in KINDS:
-        for name in models_of(pool):
+        for name, of_model in groups.items():
             store = store_of(folder, pool, name)
-            for law, of_law in groups.items():
-                parts = [part for row in of_law if (part := store.load(f"{kind}-{row:03d}")) is not None]
+            for group, of_group in of_model.items():
+                parts = [part for row in of_group if (part := store.load(f"{kind}-{row:03d}")) is not None]
                 if parts:
-                    rows[f"{kind}, {law or name}"] = counts_of(parts)
+                    rows[f"{kind}, {group}"] = counts_of(parts)
     return rows
 
 
@@ -218,9 +221,9 @@ STORED = Stored("membrane-coverage.json", "evidence/results/membrane.md", tables
 def main() -> None:
     parser = with_write(__doc__)
     parser.add_argument("folder", type=Path, help="where identified capsules are kept")
-    parser.add_argument("--lengths", type=int, default=150)
-    parser.add_argument("--outlines", type=int, default=60)
-    parser.add_argument("--others", type=int, default=2 * membrane_pools.OF_EACH)
+    parser.add_argument("--lengths", type=int, default=membrane_pools.CAPSULES)
+    parser.add_argument("--outlines", type=int, default=membrane_pools.CAPSULES)
+    parser.add_argument("--others", type=int, default=len(membrane_pools.OTHER_LAWS) * membrane_pools.OF_EACH)
     given = parser.parse_args()
     run(given.folder, "capsules", "lengths", given.lengths)
     run(given.folder, "capsules", "outline", given.outlines)

@@ -253,6 +253,11 @@ def test_the_page_of_evidence_counts_the_mutants_the_targets_of_times_and_of_the
     assert f"{met} of {met + missed} targets met" in page
 
 
+def _fewest(count):
+    """Return the number of 95 % intervals below which they are missed too often."""
+    return next(held for held in range(count + 1) if stats.binomtest(held, count).proportion_ci().high >= 0.95)
+
+
 def test_the_guides_state_the_stored_counts():
     counts, batches = stored(membrane_coverage), stored(membrane_batches)["coverage"]
     guide, limits = (" ".join((DOCS / page).read_text().split()) for page in ("membrane.md", "limits.md"))
@@ -269,11 +274,29 @@ def test_the_guides_state_the_stored_counts():
     assert f"and {share(outline)} of {used(outline)} measured by outlines" in guide
     others = [share(row, name) for row in (lengths, outline) for name in list(membrane_coverage.QUANTITIES)[1:]]
     assert f"for {min(others).removesuffix(' %')} to {max(others)}" in guide
+    page = " ".join(membrane_coverage.STORED.page.read_text().split())
+    missed = {
+        quantity for quantity in membrane_coverage.QUANTITIES if outline[f"{quantity} 95"] < _fewest(used(outline))
+    }
+    assert missed == {"capsule_radius", "area_dilation_modulus"}
+    assert all(f"{outline[f'{quantity} 95']} of {used(outline)} (86.0 to 94.5 %)" in page for quantity in missed)
+    for level in membrane_coverage.LEVELS:
+        held = sum(
+            row[f"{quantity} {level}"] for row in (lengths, outline) for quantity in membrane_coverage.QUANTITIES
+        )
+        whole = sum(used(row) for row in (lengths, outline)) * len(membrane_coverage.QUANTITIES)
+        assert f"{level} % intervals" in page
+        assert f"{held / whole:.1%}".replace("%", " %") in page
+    fine = [one[f"{kind}, {membrane_coverage.FINE}"] for kind in ("lengths", "outline")]
+    assert [used(row) for row in fine] == [row["surface_shear_modulus 95"] for row in fine] == [20, 20]
+    assert min(row[f"{name} 95"] for row in fine for name in membrane_coverage.QUANTITIES) == 17
     lengths, outline = (one[f"{kind}, neo-Hookean"] for kind in ("lengths", "outline"))
     assert f"hold the truth for {share(lengths)} (lengths)" in guide
     assert f"for {outline['refused']} of {outline['capsules']} capsules, which are refused" in guide
     assert f"lengths for {lengths['refused']} of {lengths['capsules']}" in guide
-    hooke, other = (counts["others"][f"outline, {law}"] for law in ("generalised Hooke", "Evans-Skalak"))
+    hooke, other, rubber, ogden = (counts["others"][f"outline, {law}"] for law in membrane_pools.OTHER_LAWS)
+    assert f"for {share(rubber)} and {share(ogden)} of those".replace(".0", "") in guide
+    assert f"for {share(rubber)} of 20 of Mooney and Rivlin and for {share(ogden)} of 20".replace(".0", "") in limits
     for page in (guide, limits):
         assert f"for {share(hooke).replace('.0', '')} of {used(hooke)} Hooke capsules" in page
         assert f"for {share(other).replace('.0', '')} of {used(other)} of Evans and Skalak" in page
