@@ -9,6 +9,7 @@ in ``evidence/results/diagnosis.md``.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from capsbayes import Surrogate, diagnose
 from capsbayes.database import Database
 from capsbayes.diagnosis import UNKNOWN, Study, Verdict
 from capsbayes.diagnosis.blind import TRUE_EFFECTS, Lab, TrueEffect, draw_session
+from capsbayes.diagnosis.search import AT_MOST
 from evidence.benchmarks.stored import POOL_FOLDER, Stored, with_write
 from evidence.markdown import table
 
@@ -70,8 +72,8 @@ def answer_of(study: Study, true_modulus: float, begin: float) -> dict[str, Any]
     modulus = study.surface_shear_modulus
     return {
         "verdict": study.verdict.name,
-        "names": [list(step.in_question) for step in study.steps],
-        "intervals_95": {name: step.scores[name].interval(1.92) for step in study.steps for name in step.in_question},
+        "names": [list(names) for names in study.in_question],
+        "intervals_95": {name: study.scores[name].interval(1.92) for names in study.in_question for name in names},
         "sizes": {name: study.scores[name].size for name in study.names},
         "something_else": study.probabilities.get(UNKNOWN),
         "true_modulus": true_modulus,
@@ -81,18 +83,18 @@ def answer_of(study: Study, true_modulus: float, begin: float) -> dict[str, Any]
 
 
 def outcome(row: Any, answer: dict[str, Any]) -> str:
-    """Return the outcome of a verdict: a name is wrong if it is not the truth, an ambiguous set if it lacks it."""
+    """Return the outcome of a verdict: a name is wrong if it is not the truth, a set if it lacks it and all else."""
     verdict = Verdict[answer["verdict"]]
     if verdict in (Verdict.NONE, Verdict.NOT_TESTABLE):
         return "nothing found"
     if verdict is Verdict.UNKNOWN:
         return "something else"
-    steps = [set(names) for names in answer["names"] if names]
-    right = bool(row.truth) and all(names & set(row.truth) for names in steps)
-    whole = right and len(steps) == len(row.truth)
+    found = [set(names) for names in answer["names"]]
     if verdict is Verdict.NAMED:
-        return "named" if whole else ("one of two named" if right else "**wrong name**")
-    return "ambiguous" if right else "ambiguous without it"
+        part = "one of two named" if found[0] < set(row.truth) else "**wrong name**"
+        return "named" if found[0] == set(row.truth) else part
+    beside = "others or something else" if answer["something_else"] > math.exp(-AT_MOST) else "**wrong set**"
+    return "ambiguous" if set(row.truth) in found else beside
 
 
 def outcomes(rows: Sequence[Any], answers: list[dict[str, Any]]) -> str:

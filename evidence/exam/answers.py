@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from importlib.resources import files
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -42,10 +41,10 @@ _LEAST = 1e-12  # probability of the truth, at least: a log score counts no furt
 class Answer:
     """The diagnosis of one session, compared with the truth; a number that there is not is NaN."""
 
-    # Outcomes are "none", "right", "small set" or "large set" (with the truth among the names of each effect that is
-    # added, if the catalogue has it; something else counts as one), "part" (likewise, but of two effects one alone),
-    # "unknown", or "wrong". The modulus and its 95 % interval are ln of the median G_s over the true median of the
-    # batch.
+    # Outcomes are "none", "right", "small set" or "large set" (with the truth among the explanations, or something else
+    # if the catalogue lacks it; something else counts as one), "part" (of two effects one alone is among them),
+    # "elsewhere" (something else is, but not the truth), "unknown", or "wrong". The modulus and its 95 % interval are
+    # ln of the median G_s over the true median of the batch.
 
     outcome: str
     names: list[str]  # effects that were named, or the nearest
@@ -83,7 +82,7 @@ def answer_session(cell: Cell, seed: int, shapes: Database, model: ForwardModel)
         true_size=size,
         **_size(cell, study),
         seconds=time.process_time() - begin,
-        ahead=np.nan if study.verification is None else study.verification.ahead_by_both,
+        ahead=study.odds.margin(study.odds.best) if study.odds is not None and study.odds.best else np.nan,
     )
 
 
@@ -94,38 +93,27 @@ def outcome_of(cell: Cell, study: Study) -> str:
     if study.verdict is Verdict.UNKNOWN:
         return "unknown"
     named = study.verdict is Verdict.NAMED
-    if cell.null or (named and not cell.known):
+    found = [{*names} == cell.names for names in study.in_question]
+    if cell.null or (named and not found[0]) or not (named or any(found) or study.something_else):
         return "wrong"
-    if cell.known and not all(cell.names & {*step.in_question} for step in study.steps):
-        return "wrong"
-    if not _all_found(cell, study):
-        return "part"
     if named:
         return "right"
-    largest = max(len(step.in_question) for step in study.steps) + study.something_else
-    return "small set" if largest <= SMALL else "large set"
-
-
-def _all_found(cell: Cell, study: Study) -> bool:
-    """Tell whether every true effect is among the names of a step of its own, if the catalogue has it."""
-    if not cell.known:
-        return True
-    names = sorted(cell.names)
-    orders = permutations((step.in_question for step in study.steps), len(names))
-    return any(all(name in step for name, step in zip(names, order, strict=True)) for order in orders)
+    if not any(found) and cell.known:
+        return "part" if any({*names} & cell.names for names in study.in_question) else "elsewhere"
+    return "small set" if len(study.in_question) + study.something_else <= SMALL else "large set"
 
 
 def log_score(cell: Cell, study: Study) -> float:
     """Return the log of the probability that a study gives to the truth; NaN for two effects, or without any."""
     truth = NOTHING if cell.null else cell.effect if cell.known else UNKNOWN
-    found = study.all_probabilities
+    found = study.probabilities
     return float(np.log(max(found.get(truth, 0.0), _LEAST))) if found and not cell.also else float("nan")
 
 
 def _modulus(blind: BlindSession, study: Study) -> dict[str, float]:
     truth = blind.log_modulus_of_batch
     found = study.surface_shear_modulus
-    apparent = np.nan if study.first_half is None else study.first_half.median_modulus
+    apparent = np.nan if study.comparison is None else study.comparison.median_modulus
     values = {"": found.median, "_low": found.low, "_high": found.high}
     return {f"modulus{end}": float(np.log(value)) - truth for end, value in values.items()} | {
         "apparent": float(np.log(apparent)) - truth
@@ -133,10 +121,9 @@ def _modulus(blind: BlindSession, study: Study) -> dict[str, float]:
 
 
 def _size(cell: Cell, study: Study) -> dict[str, float]:
-    step = next((step for step in study.steps if cell.effect in step.in_question), None)
-    if step is None or study.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
+    if not any(cell.effect in names for names in study.in_question):
         return {}
-    scores = step.scores[cell.effect]
+    scores = study.scores[cell.effect]
     low, high = scores.interval(TWO_SIGMA)
     return {"size": scores.size, "low": low, "high": high}
 

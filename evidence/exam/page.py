@@ -72,7 +72,7 @@ def _resampled(pools: Sequence[str], shapes: Sequence[Sequence[int]], values: Fl
 
 # The page
 
-_OUTCOMES = ("none", "right", "small set", "large set", "part", "unknown", "wrong")
+_OUTCOMES = ("none", "right", "small set", "large set", "part", "elsewhere", "unknown", "wrong")
 _HELD = (0.90, 0.98)
 _SIZES_HELD = (0.93, 0.97)
 _ABOUT = """\
@@ -91,15 +91,20 @@ last one. Bounds in brackets are one-sided, 95 % each: of independent sessions, 
 shapes where these are wider. A requirement is met if its bound meets it; if not, it is missed once all sessions of the
 half are diagnosed. To bound a share of 95 % to 2 % takes 360 sessions, and the size of an effect is estimated in at
 most {sized} of a half: the exam is too small for the requirement on sizes, whose share is given for information.
-Shares of all sessions are those of this mix of effects, not of any one laboratory."""
+Shares of all sessions are those of this mix of effects, not of any one laboratory.
+
+**The answers on this page are of an earlier diagnosis**, which searched one half of the capsules, verified on the
+other, and did not ask what else would resemble an effect. Its sets without the effect that was hidden counted as
+wrong."""
 _COLUMNS = """\
 None: no disagreement was found. Right: the effect is named. Small set: it is one of at most {small} explanations, of
 which something else may be one, that the session does not distinguish; large set: of more. Part: one of two effects is
-found so. Unknown: none of the effects that were tried explains the capsules. This is the right answer to an effect that
-is not in the catalogue, and to a pattern, which is a smooth random displacement; there a set counts by its number, and
-not as wrong. Wrong: another effect is named, or the set lacks the one that was hidden. A claim is any answer but none.
-Clear: the effect moves edges by 0.015 l or more, or the apparent G_s of some capsules by 10 % or more relative to
-others, or the velocity by 8 %.
+found so. Elsewhere: the set lacks the effect that was hidden, and something else is in it. Unknown: none of the
+effects that were tried explains the capsules. This is the right answer to an effect that is not in the catalogue, and
+to a pattern, which is a smooth random displacement; there a set counts by its number, and not as wrong. Wrong: another
+effect is named, or the set lacks the one that was hidden, and something else. A claim is any answer but none. Clear:
+the effect moves edges by 0.015 l or more, or the apparent G_s of some capsules by 10 % or more relative to others, or
+the velocity by 8 %.
 
 Log score: mean log of the probability that the study gives to what was hidden. Error of G_s: root mean square of ln of
 the session's median G_s over the true median of the batch, over all sessions, named or not; without: the same of the

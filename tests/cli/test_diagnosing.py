@@ -56,7 +56,7 @@ def test_a_right_model_is_not_accused(diagnose):
     printed = diagnose("set", "--out", "study")
     for words in (
         "No disagreement was found between the capsules and square-neo-hookean.", "Lengths alone were given",
-        "Deviations of 12 capsules from the model", "trend of ln G_s", "p-value", "model square-neo-hookean, sha256",
+        "Deviations of 24 capsules from the model", "trend of ln G_s", "p-value", "model square-neo-hookean, sha256",
         "study.html, study.json",
     ):  # fmt: skip
         assert words in printed
@@ -73,7 +73,7 @@ def test_candidates_are_tried_at_another_level(diagnose):
     assert (stored["seed"], stored["level"]) == (2, 1.0)
     assert {row["parameter"] for row in stored["candidates"]} == {"halo", "exposure"}
     printed = diagnose(*asked[:-1], "halo")
-    assert "Effects that were tried" in printed
+    assert "Explanations that were tried" in printed
     assert "delta =" in printed
 
 
@@ -94,7 +94,7 @@ def test_an_effect_is_named_and_pictured(diagnose, model):
     session.write(Path("blurred"))
     printed = diagnose("blurred", "--candidates", "exposure,halo", "--seed", "3", "--out", "study")
     assert "motion blur explains it: t_e =" in printed
-    assert "12 held-out capsules" in printed
+    assert "Capsules predicted with the size that the other half tells" in printed
     assert "gap: rms distance of measured and predicted edge" in printed
     assert Path("study/study.html").read_text().count("data:image/svg+xml") == 6
 

@@ -78,13 +78,11 @@ def test_capsules_far_from_the_model_are_fitted_with_the_effect_that_they_have(m
 def test_halves_are_disjoint_and_alike(model):
     session, _ = drawn_session(model, 41, seed=4)
     first, second = session.halves(seed=5)
-    assert len(first) + len(second) == 41
-    assert not {id(one) for one in first.measurements} & {id(one) for one in second.measurements}
-    means = [np.mean([one.axial_extent for one in half.measurements]) for half in (first, second)]
-    spread = np.std([one.axial_extent for one in session.measurements])
-    assert abs(means[0] - means[1]) < 0.2 * spread
+    assert sorted([*first, *second]) == list(range(41))
+    extent = np.array([one.axial_extent for one in session.measurements])
+    assert abs(extent[first].mean() - extent[second].mean()) < 0.2 * extent.std()
     again, _ = Session(session.measurements, session.experiment).halves(seed=5)
-    assert [id(one) for one in again.measurements] == [id(one) for one in first.measurements]
+    np.testing.assert_array_equal(again, first)
 
 
 def test_fits_do_not_depend_on_where_they_begin(model):

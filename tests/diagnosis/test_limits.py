@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from sessions import drawn_session
 
-from capsbayes.diagnosis.finding import TWO_SIGMA, limit_scores, limits_table, session_modulus
+from capsbayes.diagnosis.finding import TWO_SIGMA, UnknownChange, limits_table, session_modulus
 from capsbayes.diagnosis.fits import fitted
-from capsbayes.diagnosis.scores import Scores, whitening
-from capsbayes.effects import Halo, PixelScale, ViscosityError
+from capsbayes.diagnosis.scores import Scores, Trial, whitening
+from capsbayes.effects import Halo, PixelScale
 
 SIZES = np.linspace(-0.05, 0.05, 401)
 
@@ -43,33 +43,42 @@ def test_the_models_own_error_does_not_average_away():
 
 def test_the_session_modulus_holds_size_effect_and_viscosity():
     apparent = np.full(20, 0.05)
-    certain = session_modulus([(1.0, ())], apparent, 0.0, 1)
+    certain = session_modulus([(1.0, ())], apparent, 0.0, 0.0, 1)
     assert (certain.low, certain.median, certain.high) == pytest.approx((0.05, 0.05, 0.05))
-    viscous = session_modulus([(1.0, ())], apparent, 0.1, 1)
+    viscous = session_modulus([(1.0, ())], apparent, 0.0, 0.1, 1)
     assert np.log(viscous.high / viscous.low) == pytest.approx(2.0 * 1.96 * 0.1, rel=0.1)
     scores = scores_of(np.full(20, 0.02), 0.002, modulus_slope=-20.0)
-    with_effect = session_modulus([(1.0, (scores,))], apparent, 0.0, 1)
+    with_effect = session_modulus([(1.0, (scores,))], apparent, 0.0, 0.0, 1)
     assert with_effect.median == pytest.approx(0.05 * np.exp(-20.0 * 0.02), rel=0.02)
-    either = session_modulus([(1.0, (scores,)), (1.0, ())], apparent, 0.0, 1)
+    either = session_modulus([(1.0, (scores,)), (1.0, ())], apparent, 0.0, 0.0, 1)
     assert either.low < 1.05 * with_effect.low
     assert either.high == pytest.approx(0.05)
-    assert np.isnan(session_modulus([(1.0, ())], np.full(3, np.nan), 0.0, 1).median)
+    assert np.isnan(session_modulus([(1.0, ())], np.full(3, np.nan), 0.0, 0.0, 1).median)
+
+
+def test_what_is_not_known_changes_the_modulus_as_effects_that_are_as_visible(model):
+    apparent, unknown = np.full(20, 0.05), UnknownChange(np.array([0.005]), np.ones(1))
+    found = session_modulus([(1.0, (unknown,))], apparent, 0.0, 0.0, 1)
+    assert found.median == pytest.approx(0.05, rel=0.1)
+    low, high = np.log(np.array([found.low, found.high]) / 0.05)
+    assert low == pytest.approx(-high, abs=0.1)
+    assert 0.1 < high < 1.96 * 0.8  # some 20 times the displacement, up to seven times as much
+    rarely = session_modulus([(0.02, (unknown,)), (0.98, ())], apparent, 0.0, 0.0, 1)
+    assert (rarely.low, rarely.high) == pytest.approx((0.05, 0.05))
 
 
 def test_what_could_hide_is_limited_by_the_capsules_and_by_what_was_measured_elsewhere(model):
     session, _ = drawn_session(model, 14, seed=4, outline=True)
     white = whitening(model, session)
-    candidates = {each.parameter.name: each for each in (Halo(), ViscosityError())}
-    made = (model, candidates, session, white, fitted(model, session, white))
-    scores = limit_scores(*made, {})
-    table = limits_table(scores)
-    assert list(table.index) == ["halo"]
+    made = session, white, fitted(model, session, white)
+    scores = Trial(model, Halo(), *made).explored().scores
+    table = limits_table({"halo": scores})
     row = table.loc["halo"]
     assert -5e-7 < row["low"] < 0.0 < row["high"] < 5e-7
     assert row["modulus_at_low"] > 1.0 > row["modulus_at_high"]
     assert not row["unbounded"]
-    bead = limit_scores(*made, {"halo": (0.0, 2e-8)})["halo"].interval(TWO_SIGMA)
-    assert np.ptp(bead) < 0.5 * np.ptp(scores["halo"].interval(TWO_SIGMA))
+    bead = Trial(model, Halo(), *made, (0.0, 2e-8)).explored().scores.interval(TWO_SIGMA)
+    assert np.ptp(bead) < 0.5 * np.ptp(scores.interval(TWO_SIGMA))
     assert bead[0] < 0.0 < bead[1]
 
 

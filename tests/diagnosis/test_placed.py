@@ -62,7 +62,9 @@ def test_capsules_without_a_shape_of_the_model_are_one_line(model):
     """Too long for any shape: there is nothing to compare."""
     session, _ = drawn_session(model, 12, seed=3)
     long = [replace(seen, axial_extent=1.9 * seen.axial_extent) for seen in session.measurements]
-    with pytest.raises(NoShapeError, match=r"capsules some of which have a shape of square-neo-hookean, got 6 without"):
+    with pytest.raises(
+        NoShapeError, match=r"capsules some of which have a shape of square-neo-hookean, got 12 without"
+    ):
         diagnose(Session(long, session.experiment), model, seed=1)
 
 

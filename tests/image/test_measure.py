@@ -15,7 +15,7 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.image.files import Picture
 from capsbayes.image.film import measure_film
-from capsbayes.image.measure import EdgeErrors, detect, measure, silhouette_of
+from capsbayes.image.measure import EdgeErrors, detect, measure, measurement_of_lengths, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline import aligned_with
 from capsbayes.quantity import Quantity
@@ -71,6 +71,19 @@ def test_a_convex_rear_gives_a_bound_not_a_length():
     assert convex.axial_length is None
     assert made.axial_length / HALF_WIDTH < convex.axial_length_bound < 1.02 * convex.axial_extent
     assert convex.covariance.shape == (1, 1)
+
+
+def test_a_rear_whose_error_exceeds_its_length_gives_a_bound_not_a_length():
+    found = seen(PARACHUTE)
+    wide = found.covariance.copy()
+    wide[1, 1] = (1.1 * found.lengths[1]) ** 2
+    known = {"outline": None, "walls": "", "source": "", "sha256": ""}
+    clear, vague = (
+        measurement_of_lengths(found.lengths, covariance, VELOCITY, EXPERIMENT, **known)
+        for covariance in (found.covariance, wide)
+    )
+    assert clear.axial_length < clear.axial_extent == vague.axial_extent < vague.axial_length_bound
+    assert vague.axial_length is None
 
 
 def test_a_measurement_and_a_table_are_over_l_with_the_errors_of_both(tmp_path):

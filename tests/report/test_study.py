@@ -13,11 +13,14 @@ from sessions import drawn_session
 
 from capsbayes import Surrogate, diagnose
 from capsbayes.diagnosis import Session, Verdict
-from capsbayes.effects import SIMULATED, MotionBlur
+from capsbayes.diagnosis.finding import Pair
+from capsbayes.diagnosis.odds import Calibration
+from capsbayes.diagnosis.scores import Outcome, Trial
+from capsbayes.effects import SIMULATED, Halo, MotionBlur
 from capsbayes.model import FixedParameters
 from capsbayes.profile import arc_share
 from capsbayes.report import study_page, verdict_sentence
-from capsbayes.report.study import caveats, likeliest_table, odds_words, opening, study_parts
+from capsbayes.report.study import caveats, explanation_table, opening, study_parts
 from capsbayes.report.study_figures import chosen_capsules, outline_finding, trends
 from capsbayes.report.tables import Strong, print_parts, typeset
 
@@ -70,13 +73,12 @@ def test_a_page_is_whole_and_its_verdict_comes_first(study, page):
     parts = (
         plain(typeset(verdict_sentence(study))),
         "Where the capsules disagree with it",
-        "p-value",
+        "The p-value is the probability",
         "What would explain it",
-        "odds relative to no effect",
+        "log-likelihood ratio",
         "median G",
         "what would distinguish it",
-        "held-out capsules",
-        "7 held-out capsules",
+        "The capsules were divided into halves at random",
         "residual p-value",
         "log score per capsule",
         "seed 3",
@@ -97,27 +99,29 @@ def test_what_is_printed_stands_on_the_page(study, page):
     parts = list(study_parts(study))
     tables = [part for part in parts if isinstance(part, pd.DataFrame)]
     assert len(tables) == 4
-    (tried,) = (part for part in tables if part.attrs["title"] == "Effects that were tried")  # shorter than on the page
+    (tried,) = (
+        part for part in tables if part.attrs["title"] == "Explanations that were tried"
+    )  # shorter than on the page
     for cell in (cell for row in tried.itertuples(index=False, name=None) for cell in row[:2]):
         assert plain(typeset(cell)) in plain(page)
     assert_same((part for part in parts if part is not tried), page, but=[f"Motion blur: {MotionBlur().changes}"])
 
 
 def test_figures_show_the_regions_every_capsule_and_the_slopes(study):
-    figure = outline_finding(study.first_half.along_outline, study.finding)
+    figure = outline_finding(study.comparison.along_outline, study.finding)
     words = " ".join(text.get_text() for text in figure.axes[0].texts)
     for name in ("nose", "flanks", "rear rim", "rear on the axis"):
         assert name in words
     assert "µm (" in words
     assert {"mean residual [µm]", "mean residual [standard errors]"} <= {ax.get_xlabel() for ax in figure.axes}
-    share = arc_share(study.first_half.along_outline.outline)
+    share = arc_share(study.comparison.along_outline.outline)
     assert (share[0], share[-1] < 100.0) == (0.0, True)
     assert np.all(np.diff(share) > 0.0)
-    left, right = trends(study.first_half, study.finding).axes
+    left, right = trends(study.comparison, study.finding).axes
     for ax, name in ((left, r"v_\mathrm{o}"), (right, r"a/\ell")):
         assert name in ax.get_xlabel()
         assert "σ" in ax.get_title()
-        assert len(ax.containers[0].lines[0].get_xdata()) == int(study.first_half.fits.settled.sum())
+        assert len(ax.containers[0].lines[0].get_xdata()) == int(study.comparison.fits.settled.sum())
     sizes = study.verification.comparisons[1].fits.size[list(chosen_capsules(study.verification))]
     assert len(sizes) == 3
     assert np.all(np.diff(sizes) > 0.0)
@@ -133,39 +137,69 @@ def test_medians_stand_at_each_flow_rate(study, page):
 
 
 def test_other_verdicts_keep_what_they_have(study):
-    nothing = tuple(replace(step, in_question=()) for step in study.steps)
-    unknown = study_page(replace(study, verdict=Verdict.UNKNOWN, steps=nothing, verification=None))
-    assert "and nothing that was tried explains it." in unknown
-    assert "Does it hold" not in unknown
-    failed = replace(study, verdict=Verdict.UNKNOWN)
-    assert verdict_sentence(failed).endswith("nothing that was tried explains it; motion blur comes nearest.")
-    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None)
+    unknown = replace(study, verdict=Verdict.UNKNOWN, in_question=(), verification=None)
+    assert verdict_sentence(unknown).endswith("nothing that was tried explains it; motion blur comes nearest.")
+    assert "Does it hold" not in study_page(unknown)
+    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, verification=None, something_else=True)
     assert "What would distinguish them: the width of the edges at nose and flanks" in study_page(ambiguous)
-    assert verdict_sentence(ambiguous).endswith("more than one effect may explain it: motion blur.")
+    assert verdict_sentence(ambiguous).endswith("more than one explanation is possible: motion blur or something else.")
 
 
-def test_two_effects_are_shown_one_after_the_other(study):
-    (step,) = study.steps
-    both = replace(study, verdict=Verdict.NAMED, steps=(step, step))
-    assert "motion blur and motion blur explain it together: t_e = " in verdict_sentence(both)
+def test_where_g_s_is_not_known_that_is_said(study):
+    odds = study.odds
+    unknown = replace(study, odds=replace(odds, other=odds.exact[("exposure",)] + 10.0))
+    assert any(words.startswith("G_s is not known while") for words in opening(unknown))
+    assert not any("G_s is not known while" in words for words in opening(study))
+    found, wide = study.surface_shear_modulus, unknown.surface_shear_modulus
+    assert wide.high / wide.low > found.high / found.low
+
+
+def test_a_name_says_how_often_it_is_wrong(study):
+    rates = Calibration(2.0, 0.01, 0.54)
+    (sentence,) = (words for words in opening(replace(study, calibration=rates)) if "a wrong one" in words)
+    assert "a wrong one, in 1 % of sessions like this one; of those that are tried, 54 % get theirs" in sentence
+
+
+def both_of(study, names):
+    """The study with two effects of given names that act together, both scored as motion blur."""
+    trial = study.trials["exposure"]
+    pair = Pair(*(replace(trial.scores, effect=study.candidates[name]) for name in names), trial.fits, 1.0)
+    exact = {names: study.odds.exact[("exposure",)], **study.odds.exact}
+    odds = replace(
+        study.odds, exact=exact, like={**study.odds.like, names: -9.0}, visibility={**study.odds.visibility, names: 9.0}
+    )
+    return replace(study, verdict=Verdict.NAMED, in_question=(names,), pairs={names: pair}, odds=odds)
+
+
+def test_two_effects_are_shown_together(study):
+    names = "exposure", "halo"
+    both = both_of(replace(study, candidates={**BLUR, "halo": Halo()}), names)
+    assert "motion blur and halo explain it together: t_e = " in verdict_sentence(both)
     page = study_page(both)
-    assert "The size of motion blur and motion blur was found on one half" in page
+    assert "the other half tells of motion blur and halo" in plain(page)
     assert "are those with the other" in page
-    either = replace(step, in_question=("exposure", "exposure", "exposure"))
-    ambiguous = replace(study, verdict=Verdict.AMBIGUOUS, steps=(either, step))
-    assert verdict_sentence(ambiguous).endswith("it: motion blur, motion blur or motion blur, with motion blur.")
+    either = replace(both, verdict=Verdict.AMBIGUOUS, in_question=(names, ("exposure",)), something_else=True)
+    assert verdict_sentence(either).endswith("possible: motion blur with halo, motion blur or something else.")
 
 
-def test_few_of_many_effects_are_printed_within_eighty_columns(study, capsys):
-    (step,) = study.steps
-    tried = step.scores["exposure"]
-    others = {name: replace(tried, effect=effect) for name, effect in SIMULATED.items()}
-    steps = (replace(step, scores={**step.scores, **others}),)
-    many = replace(study, steps=steps, evidence={**study.evidence, **dict.fromkeys(others, -1.0)})
-    frame, rest = likeliest_table(many)
-    names = {scores.effect.name for scores in many.scores.values()}
-    assert set(rest) < names
-    assert len(frame) + len(rest) == len(names) + 2  # something else and no effect
+def tried_as(effect, model, session, white, without):
+    """A trial of an effect that changes nothing at any size."""
+    sizes = effect.prior.ppf([0.2, 0.8])
+    return Trial(model, effect, session, white, without, known={float(size): Outcome.of(without) for size in sizes})
+
+
+def test_few_of_many_explanations_are_printed_within_eighty_columns(study, capsys):
+    trial, log = study.trials["exposure"], study.odds.exact[("exposure",)]
+    names = {(name,): log - 9.0 for name in SIMULATED}
+    further = {"like": dict.fromkeys(names, -9.0), "visibility": dict.fromkeys(names, 1.0)}
+    odds = replace(study.odds, exact={**study.odds.exact, **names})
+    odds = replace(odds, **{name: {**getattr(odds, name), **more} for name, more in further.items()})
+    made = trial.model, trial.session, trial.white, trial.without
+    other = {name: tried_as(each, *made) for name, each in SIMULATED.items()}
+    many = replace(study, odds=odds, candidates={**BLUR, **SIMULATED}, trials={**study.trials, **other})
+    frame, rest = explanation_table(many, every=False)
+    assert set(rest) < {each.name for each in SIMULATED.values()}
+    assert len(frame) + len(rest) == len(SIMULATED) + 3  # with motion blur, something else and no effect
     print_parts(*study_parts(many))
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 80
@@ -183,15 +217,10 @@ def test_few_of_many_effects_are_printed_within_eighty_columns(study, capsys):
         ),
         (("area_dilation_modulus", "bending"), "less resistant to a change of area and stiffer in bending explains"),
         (("pre_inflation", "corner_radius"), "pre-inflation and rounded corners explain it together: "),
-        (("strain_hardening",), "and strain hardening explains it: h = "),
     ],
 )
 def test_effects_of_the_membrane_say_what_it_is(study, names, words):
-    (step,) = study.steps
-    tried = step.scores["exposure"]
-    scores = {name: replace(tried, effect=SIMULATED[name]) for name in names}
-    steps = tuple(replace(step, in_question=(name,), scores={name: scores[name]}) for name in names)
-    assert words in verdict_sentence(replace(study, verdict=Verdict.NAMED, steps=steps))
+    assert words in verdict_sentence(both_of(replace(study, candidates={**BLUR, **SIMULATED}), names))
 
 
 def test_effects_that_are_added_up_are_said(study):
@@ -202,7 +231,7 @@ def test_effects_that_are_added_up_are_said(study):
     assert several.added_up == after.fits.settled.sum() > 0
     said = replace(study, verification=replace(study.verification, comparisons=(before, several)))
     (sentence,) = (words for words in caveats(said) if "added up" in words)
-    assert sentence.startswith(f"At {several.added_up} of {len(several.session)} held-out capsules")
+    assert sentence.startswith(f"At {several.added_up} of {len(several.session)} capsules")
 
 
 def test_lengths_alone_are_said_and_leave_no_outlines(model, study):
@@ -234,8 +263,3 @@ def test_no_disagreement_or_too_few_capsules_make_a_shorter_page(model):
     page = study_page(diagnose(session, model, seed=3))
     assert "These data cannot tell: 6 capsules are too few" in page
     assert not pictures(page)
-
-
-def test_odds():
-    words = {0.0: "1 : 1", 1.0: "2.7 : 1", -3.0: "1 : 20", 900.0: "more than 1000 : 1", -900.0: "less than 1 : 1000"}
-    assert {ratio: odds_words(ratio) for ratio in words} == words

@@ -15,10 +15,11 @@ POINTS = 48
 MODULUS, SPREAD = 0.05, 0.1  # N/m, and standard deviation of its logarithm
 
 
-def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None, settings=False):
+def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None, settings=False, apart=None):
     """Capsules of like modulus and of all sizes at four velocities, and their truth by name : arrays.
 
-    With `settings` each velocity has a flow rate, which tells nothing of the mean velocity.
+    With `settings` each velocity has a flow rate, which tells nothing of the mean velocity. To ln G_s `apart` (count,)
+    is added.
     """
     rng = np.random.default_rng(seed)
     measurements, truth = [], {"log_modulus": [], "size_ratio": [], "log_ca": []}
@@ -29,6 +30,7 @@ def drawn_session(model, count, seed, *, outline=False, noise=0.01, sizes=None, 
         theta |= {name: np.array([value]) for name, value in (sizes or {}).items()}
         theta |= {"half_width": np.array([25e-6]), "capsule_velocity": np.array([velocity])}
         ratio = 1.3
+        log_modulus += 0.0 if apart is None else apart[len(measurements)]
         for _ in range(3):
             ca = 0.8 * velocity / ratio / np.exp(log_modulus)
             shape = model(theta | {"capillary_number": np.array([ca])})

@@ -45,12 +45,15 @@ def diagnose(
     candidates: Annotated[
         str | None, Option("Effects to try, as 'halo,exposure'; default: all that are known.")
     ] = None,
+    invariance: Annotated[
+        bool, Option("Try no effects: ask only where, and whether G_s is the same at all velocities and sizes.")
+    ] = False,
     measured: Annotated[
         list[str] | None, Option("Size of an effect as measured apart from the capsules, as 'halo=0.35 +/- 0.05 um'.")
     ] = None,
     level: Annotated[
         float, Option("Probability of finding a disagreement where there is none.", min=0.0, max=1.0)
-    ] = 0.05,
+    ] = 0.01,
     as_json: AsJson = False,
 ) -> None:
     """Find where capsules disagree with the model, name what would explain it, and test that on held-out capsules.
@@ -64,11 +67,13 @@ def diagnose(
     from capsbayes.report.study import study_parts
     from capsbayes.run import progress_bar, resumable
 
+    if invariance and candidates is not None:
+        raise InputError("diagnose", "--invariance", "no --candidates beside it", repr(candidates))
     session = cb.Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section
     known, model = cb.effects.catalogue(cross_section), named_model(database, cross_section, _view(session))
     own = own_effects(effects, known, model)
-    tried = _chosen(candidates, {**known, **own.effects})
+    tried = {} if invariance else _chosen(candidates, {**known, **own.effects})
     elsewhere = _measured(measured or [], tried)
     with resumable(out, own.sha256):
         with progress_bar(None, "reading") as update:

@@ -2,8 +2,9 @@
 
 from capsbayes.diagnosis.diagnosis import Study, Verdict, diagnose, summary
 from capsbayes.diagnosis.finding import Deviation, Finding, SessionModulus, find
+from capsbayes.diagnosis.odds import NOTHING, UNKNOWN
 from capsbayes.diagnosis.scores import Scores
-from capsbayes.diagnosis.search import LEAST_RATIO, NOTHING, UNKNOWN, AlongOutline, Comparison
+from capsbayes.diagnosis.search import LEAST_RATIO, AlongOutline, Comparison
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification
 

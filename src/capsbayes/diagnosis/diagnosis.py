@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,46 +17,36 @@ from threadpoolctl import threadpool_limits
 import capsbayes
 from capsbayes.arguments import checked
 from capsbayes.diagnosis.finding import (
-    Explanation,
+    Changes,
     Finding,
+    Pair,
     SessionModulus,
+    UnknownChange,
     find,
-    limit_scores,
     limits_table,
     own_size_error,
     session_modulus,
 )
 from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scores import Measured, Scores, Trial, whitening
-from capsbayes.diagnosis.search import (
-    LEAST_RATIO,
-    UNKNOWN,
-    Comparison,
-    Search,
-    Step,
-    by_ratio,
-    evidences,
-    probabilities,
-    searched,
-)
-from capsbayes.diagnosis.session import Session, Whitening
+from capsbayes.diagnosis.odds import Calibration, Change, Explanation, Names, Odds
+from capsbayes.diagnosis.scores import LIKENESS, Measured, Scores, Trial, whitening
+from capsbayes.diagnosis.search import AT_MOST, LEAST_RATIO, Comparison, Search
+from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
 from capsbayes.effects import catalogue
 from capsbayes.errors import NoShapeError
-from capsbayes.model import Effect, ForwardModel
+from capsbayes.model import Effect, FixedParameters, ForwardModel
 from capsbayes.readable import Readable
 
 if TYPE_CHECKING:
     from capsbayes.infer.population import Population
 
 
-# The capsules are divided before anything is compared. The first half shows whether they disagree with the model, and
-# which effects would explain that; the second half is held out and shows whether the model with the effect predicts it
-# better
-
-Checked = Callable[[tuple[Step, ...]], tuple[tuple[Step, ...], Verification]]
-
 _FEWEST = 12  # capsules of a session that can be divided
+_SHOWS = 3.5  # standard errors, from which a second effect is looked for
+_HELD_OUT = 0.05  # p-value of the capsules that did not tell the sizes, from which they do not confirm a name
+_OF_QUARTILES = 0.7413  # standard deviation of normal values over the distance of their quartiles
+_ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
 
 
 class Verdict(Enum):
@@ -77,11 +67,13 @@ class Study(Readable):
     ----------
     verdict : Verdict
     finding : Finding
-        Deviations of the first half from the model.
-    steps : tuple of Step
-        One for each effect that was added, or tried in vain, on the first half.
+        Deviations of the capsules from the model.
+    in_question : tuple of tuple of str
+        Explanations that may be right, the likeliest first: the names of the parameters of effects that act together.
+    something_else : bool
+        Whether what is in no candidate is in question, too.
     verification : Verification or None
-        Held-out capsules with the likeliest effect, or with both.
+        All capsules with the likeliest explanation, each half with the sizes that the other half tells.
     model : ForwardModel
         With the effects, if they were named.
     sizes : mapping of str to float
@@ -89,15 +81,18 @@ class Study(Readable):
     session : Session
     seed : int
     level : float
-    first_half : Comparison or None
-        The first half and the model without effects, all capsules if the verdict is `by_all`; None if there were too
-        few capsules to divide.
-    second_finding : Finding or None
-        Deviations of the second half, if it does not confirm those of the first.
-    evidence : mapping of str to float
-        Log evidence of each candidate alone on the first half, of "none" and of "unknown", relative to that of "none".
+    comparison : Comparison or None
+        The capsules and the model without effects; None if there are too few capsules.
+    odds : Odds or None
+        Log probabilities of all explanations.
+    calibration : Calibration or None
+        How often a name is wrong in sessions like this one, where the likeliest effects are seen.
     trials : mapping of str to Trial
-        Fits of each candidate alone to the first half.
+        Fits of each candidate alone, the likeliest first.
+    pairs : mapping of (str, str) to Pair
+        Two effects together, if they were tried.
+    own_errors : mapping of tuple of str to tuple of float
+        Errors that the model's own error makes of the sizes of effects in question.
     candidates : mapping of str to Effect
         Effects that are tried, or would be.
     not_testable : tuple of str
@@ -108,17 +103,20 @@ class Study(Readable):
 
     verdict: Verdict
     finding: Finding
-    steps: tuple[Step, ...]
-    verification: Verification | None
-    model: ForwardModel
-    sizes: Mapping[str, float]
     session: Session
+    model: ForwardModel
     seed: int
     level: float
-    first_half: Comparison | None = None
-    second_finding: Finding | None = None
-    evidence: Mapping[str, float] = field(default_factory=dict)
+    in_question: tuple[Names, ...] = ()
+    something_else: bool = False
+    verification: Verification | None = None
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    comparison: Comparison | None = None
+    odds: Odds | None = None
+    calibration: Calibration | None = None
     trials: Mapping[str, Trial] = field(default_factory=dict)
+    pairs: Mapping[Names, Pair] = field(default_factory=dict)
+    own_errors: Mapping[Names, tuple[float, ...]] = field(default_factory=dict)
     candidates: Mapping[str, Effect] = field(default_factory=dict)
     not_testable: tuple[str, ...] = ()
     measured: Measured = field(default_factory=dict)
@@ -126,26 +124,23 @@ class Study(Readable):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of the effects in question, the likeliest first; the nearest if none explains it."""
-        return tuple(name for step in self.steps for name in step.in_question)
-
-    @property
-    def something_else(self) -> bool:
-        """Whether something else is in question, too, next to the effects that may explain the deviations."""
-        if self.verdict is not Verdict.AMBIGUOUS or self.verification is None:
-            return False
-        return self.verification.something_else_in_question
+        if self.verdict is Verdict.UNKNOWN and self.odds is not None:
+            return self.odds.best
+        return tuple(dict.fromkeys(name for names in self.in_question for name in names))
 
     @property
     def name(self) -> str:
         """Name of the effect that explains the deviations, two joined by "and"; else the verdict, as "unknown"."""
-        named = self.verdict is Verdict.NAMED
-        return " and ".join(step.best.effect.name for step in self.steps) if named else self.verdict.name.lower()
+        if self.verdict is not Verdict.NAMED:
+            return self.verdict.name.lower()
+        return " and ".join(self.candidates[name].name for name in self.in_question[0])
 
     @property
     def gap(self) -> tuple[float, float]:
         """Root mean square distances [m] of edges from the model without and with the effects.
 
-        They are those of the held-out capsules; NaN where nothing was verified, or without outlines.
+        The sizes of the effects are those that the other half of the capsules tells; NaN where nothing was verified, or
+        without outlines.
         """
         if self.verification is None:
             return float("nan"), float("nan")
@@ -153,45 +148,28 @@ class Study(Readable):
 
     @property
     def probabilities(self) -> Mapping[str, float]:
-        """Probability of each candidate alone, of "none" and of "unknown", before held-out capsules are looked at.
+        """Probability of each candidate, of two together joined by "and", of "none" and of "unknown".
 
-        All are as probable beforehand; effects that change nothing that is seen are none of these.
+        Beforehand no effect has one half, one of the candidates 0.3, two together 0.05, and something else 0.15, of
+        which one half resembles a candidate. Effects that change nothing that is seen are none of these.
         """
-        return probabilities(self.evidence, self.trials)
-
-    @property
-    def by_all(self) -> bool:
-        """Whether all capsules gave the verdict and the probabilities, as where no half alone shows an effect."""
-        return self.verdict is Verdict.NONE or (self.first_half is not None and self.first_half.session is self.session)
+        return {} if self.odds is None else self.odds.probabilities
 
     @cached_property
-    def all_probabilities(self) -> Mapping[str, float]:
-        """`probabilities`; by all capsules where no disagreement was found."""
-        if self.verdict is not Verdict.NONE:
-            return self.probabilities
-        return probabilities(self._whole_evidence, self.trials)
+    def scores(self) -> Mapping[str, Scores]:
+        """Scores of every candidate, the likeliest first; of two effects in question, with each other."""
+        scores = {name: trial.scores for name, trial in self.trials.items()}
+        for names in reversed(self.in_question):
+            scores |= dict(zip(names, self.scores_of(names), strict=True))
+        return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
 
-    @property
-    def _whole_evidence(self) -> Mapping[str, float]:
-        return evidences(self._limit_scores, self._whole_finding)
-
-    def _judged_by_all(self) -> Study:
-        """Return the study, as UNKNOWN where all capsules together deny the verdict that nothing is missing."""
-        # Neither half has confirmed what the other shows, so that no effect is named.
-        evidence = self._whole_evidence
-        if not _clearly_likelier(evidence):
-            return self
-        likelier = tuple(name for name in self._limit_scores if evidence[name] > LEAST_RATIO)
-        step = Step(by_ratio(self._limit_scores), tuple(sorted(likelier, key=lambda name: -evidence[name])), {}, {})
-        return replace(
-            self,
-            verdict=Verdict.UNKNOWN,
-            finding=self._whole_finding,
-            steps=(step,),
-            first_half=Comparison(self.session, self.model, self._whole[1]),
-            second_finding=None,
-            evidence=evidence,
+    def scores_of(self, names: Names) -> tuple[Scores, ...]:
+        """Return the scores of effects that act together."""
+        scores = (
+            (self.trials[names[0]].scores,) if len(names) == 1 else (self.pairs[names].first, self.pairs[names].second)
         )
+        errors = self.own_errors.get(names, (0.0,) * len(names))
+        return tuple(replace(each, own_error=error) for each, error in zip(scores, errors, strict=True))
 
     @cached_property
     def limits(self) -> pd.DataFrame:
@@ -199,108 +177,62 @@ class Study(Readable):
 
         Columns: ``effect``; ``low`` and ``high`` [``unit``], the 95 % interval of its size; ``modulus_at_low`` and
         ``modulus_at_high``, the median G_s with these sizes over that without the effect; ``unbounded``, whether the
-        data allow the effect up to the end of its prior. All capsules count. They are computed when they
-        are first asked for, in some tens of seconds for the catalogue.
+        data allow the effect up to the end of its prior.
         """
-        return limits_table(self._limit_scores)
-
-    @cached_property
-    @threadpool_limits.wrap(limits=1)
-    def _limit_scores(self) -> Mapping[str, Scores]:
-        if self.verdict is not Verdict.NONE:
-            return {}
-        white, fits = self._whole
-        return limit_scores(self.model, self.candidates, self.session, white, fits, self.measured)
-
-    @cached_property
-    @threadpool_limits.wrap(limits=1)
-    def _whole(self) -> tuple[Whitening, Fits]:
-        """All capsules and the model without effects."""
-        white = whitening(self.tested_model, self.session, halves=1)
-        return white, fitted(self.tested_model, self.session, white)
-
-    @cached_property
-    @threadpool_limits.wrap(limits=1)
-    def _whole_finding(self) -> Finding:
-        white, fits = self._whole
-        return find(self.tested_model, self.session, seed=self.seed, white=white, fits=fits)
+        seen = {name: trial.scores for name, trial in self.trials.items() if not trial.unseen}
+        return limits_table(seen if self.verdict is Verdict.NONE else {})
 
     @cached_property
     def surface_shear_modulus(self) -> SessionModulus:
         """Median G_s of the session with what is not known of the effect, its size and the viscosity.
 
-        With an effect that was named, or several in question, these are averaged over, as probable as their evidence.
-        Where no disagreement was found, so are no effect, every other that the capsules allow, the law of the membrane
-        among them, and something else, and all capsules count, otherwise the first half. Where no effect explains the
-        capsules, none is the truth. How far G_s may be off is then shown, with equal weight, by all that explain a
-        part, by two effects together if two were tried, and by something else, which also changes G_s as much as
-        effects of the catalogue that would be as visible.
+        All explanations count, as probable as they are: each effect, what is like it, something else and no effect.
+        What is in no candidate changes G_s as effects of the catalogue do that displace the outlines as much.
         """
+        if self.comparison is None or self.odds is None:
+            return SessionModulus(*(3 * [float("nan")]))
         viscosity = self.session.experiment.viscosity
         error = 0.0 if viscosity is None else viscosity.sd / viscosity.mean
-        if self.verdict is Verdict.NONE:
-            apparent = Comparison(self.session, self.model, self._whole[1]).modulus
-        else:
-            apparent = np.empty(0) if self.first_half is None else self.first_half.modulus
-        return session_modulus(self._explanations, apparent, error, self.seed)
+        best = self.comparison.fits if self.verdict is Verdict.NONE else self._fits_of(self.odds.best)
+        away = best.log_modulus[best.settled]
+        scatter = _OF_QUARTILES * float(np.subtract(*np.quantile(away, (0.75, 0.25)))) if len(away) else np.nan
+        return session_modulus(list(self._explanations()), self.comparison.modulus, scatter, error, self.seed)
 
-    @property
-    def _explanations(self) -> list[tuple[float, Explanation]]:
-        if self.verdict is Verdict.NAMED:
-            return [(1.0, self._together(*(step.best for step in self.steps)))]
-        if self.verdict is Verdict.AMBIGUOUS:
-            *settled, last = sorted(self.steps, key=lambda step: len(step.in_question))
-            before = [step.best for step in settled]
-            most = max(last.scores[name].evidence for name in last.in_question)
-            alike = [last.scores[name] for name in last.in_question]
-            either = [(float(np.exp(tried.evidence - most)), self._together(*before, tried)) for tried in alike]
-            if self.verification is not None and self.verification.something_else_in_question:
-                either.append((float(np.exp(-max(self.verification.ahead_by_both, 0.0))), (self.finding.discrepancy,)))
-            return either
-        if self.verdict is Verdict.NONE:
-            something_else = self._whole_finding.discrepancy
-            logs: list[tuple[float, Explanation]] = [(0.0, ()), (something_else.evidence, (something_else,))]
-            logs += [(each.evidence, (each,)) for each in self._limit_scores.values()]
-            most = max(log for log, _ in logs)
-            return [(float(np.exp(log - most)), changes) for log, changes in logs]
-        groups = [group for group in self._explaining_a_part if group]
-        return [(1.0 / len(group), explanation) for group in groups for explanation in group]
+    def _fits_of(self, names: Names) -> Fits:
+        if not names:
+            assert self.comparison is not None, "there are capsules"
+            return self.comparison.fits
+        return self.trials[names[0]].fits if len(names) == 1 else self.pairs[names].fits
 
-    @property
-    def _explaining_a_part(self) -> Iterator[list[Explanation]]:
-        """Groups of explanations of which none is the truth."""
-        something_else = self.finding.discrepancy
-        alone = list(self.steps[0].scores.values()) if self.steps else []
-        if not alone:
-            yield [(something_else,)]
-            return
-        ratios = [each.log_likelihood_ratio for each in alone]
-        seen = max(something_else.evidence, *ratios)
-        yield [(each,) for each, ratio in zip(alone, ratios, strict=True) if ratio > LEAST_RATIO]
-        yield [(something_else, each.as_visible(seen)) for each in alone]
-        if len(self.steps) > 1 and all(step.in_question for step in self.steps):
-            yield [self._together(*(step.best for step in self.steps))]
+    def _explanations(self) -> Iterator[tuple[float, Changes]]:
+        """Yield the probability of each explanation, and what acts in it."""
+        odds, discrepancy = self.odds, self.finding.discrepancy
+        assert odds is not None, "there are capsules"
+        whole = odds.whole
+        yield np.exp(odds.nothing - whole), ()
+        yield np.exp(odds.other - whole), (UnknownChange(*discrepancy.amplitudes),)
+        for names, log in odds.exact.items():
+            effects = self._together(names)
+            yield np.exp(log - whole), effects
+            amplitude = odds.visibility[names] / discrepancy.scale if odds.visibility[names] > 0.0 else 0.0
+            parts = amplitude * np.array(LIKENESS)
+            yield (
+                np.exp(odds.like[names] - whole),
+                (*effects, UnknownChange(parts, np.full(len(parts), 1.0 / len(parts)))),
+            )
 
-    def _together(self, *effects: Scores) -> Explanation:
+    def _together(self, names: Names) -> tuple[Scores, ...]:
         """Return what effects change that act together: the last, scored with the others, brings the change by all."""
-        *others, last = effects
-        if not others:
-            return effects
-        apparent = float("nan") if self.first_half is None else self.first_half.median_modulus
+        *others, last = self.scores_of(names)
+        if not others or self.comparison is None:
+            return (*others, last)
         spread = (replace(each, without=float(each.modulus[each.best])) for each in others)
-        return *spread, replace(last, without=apparent)
-
-    @property
-    def scores(self) -> Mapping[str, Scores]:
-        """Scores of every candidate on the first half, the likeliest first; two effects are scored together."""
-        scores = dict(self.steps[0].scores) if self.steps else {}
-        scores |= {name: step.scores[name] for step in self.steps[1:] for name in step.in_question}
-        return by_ratio(scores)
+        return *spread, replace(last, without=self.comparison.median_modulus)
 
     @property
     def tested_model(self) -> ForwardModel:
         """Model that was diagnosed, without the effects that were named."""
-        return self.model if self.first_half is None else self.first_half.model
+        return self.model if self.comparison is None else self.comparison.model
 
     def table(self) -> pd.DataFrame:
         """Return a row for each candidate, the likeliest first, indexed by the name of its parameter.
@@ -313,7 +245,7 @@ class Study(Readable):
             name: {
                 "effect": scores.effect.name,
                 "kind": scores.effect.kind.name,
-                "log_evidence": self.evidence.get(name, float("nan")),
+                "log_evidence": self.trials[name].scores.evidence,
                 "log_likelihood_ratio": scores.log_likelihood_ratio,
                 "size": scores.size,
                 **dict(zip(("low", "high"), scores.interval(), strict=True)),
@@ -330,18 +262,15 @@ class Study(Readable):
     def described(self) -> dict[str, str]:
         """Return the verdict, the finding and the effects in question with their sizes."""
         words = {"verdict": self.verdict.value, "capsules": str(len(self.session)), "finding": str(self.finding)}
-        for step in self.steps:
-            words |= {name: str(step.scores[name]) for name in step.in_question}
-        return words | {"model": self.model.name}
+        return words | {name: str(self.scores[name]) for name in self.names} | {"model": self.model.name}
 
     def __str__(self) -> str:
         """Return the verdict in one sentence."""
         if self.verdict not in (Verdict.NAMED, Verdict.AMBIGUOUS):
-            second = "" if self.second_finding is None else f"; not confirmed: {self.second_finding}"
-            return f"{self.verdict.value} ({self.finding}{second})"
-        groups = (" or ".join(str(step.scores[name]) for name in step.in_question) for step in self.steps)
-        other = " or something else" if self.something_else else ""
-        return f"{self.verdict.value}: {'; with '.join(groups)}{other} ({self.finding})"
+            return f"{self.verdict.value} ({self.finding})"
+        groups = ["; with ".join(map(str, self.scores_of(names))) for names in self.in_question]
+        groups += ["something else"] * self.something_else
+        return f"{self.verdict.value}: {' or '.join(groups)} ({self.finding})"
 
 
 @checked
@@ -352,12 +281,12 @@ def diagnose(
     *,
     seed: int,
     candidates: Mapping[str, Effect] | None = None,
-    level: float = 0.05,
+    level: float = 0.01,
     measured: Measured | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     earlier: Study | None = None,
 ) -> Study:
-    """Find what a model misses in a session, name the effect that explains it, and verify that on held-out capsules.
+    """Find what a model misses in a session, name the effect that explains it, and verify that.
 
     Parameters
     ----------
@@ -366,11 +295,11 @@ def diagnose(
     model : ForwardModel
         For example ``Surrogate.open("square-neo-hookean")``.
     seed : int
-        Seed of the division into halves and of the random signs.
+        Seed of the random signs, of the drawn sessions and of the division into halves.
     candidates : mapping of str to Effect, optional
         By name of their parameter; by default the catalogue of the session's cross-section.
     level : float
-        Significance of a deviation, and of both halves together with the effect that is named.
+        Significance of a deviation.
     measured : mapping of str to (float, float), optional
         Sizes of effects measured independently of the capsules, and their standard errors, in SI.
     progress : callable, optional
@@ -387,7 +316,7 @@ def diagnose(
     NoShapeError
         If the model has no shape for any of the capsules.
     ValueError
-        If the earlier study is of another session or model, or its capsules were divided with another seed.
+        If the earlier study is of another session or model, or has another seed.
     """
     session = Session.of(session)
     model.check_experiment(session.experiment)
@@ -397,69 +326,89 @@ def diagnose(
         name: effect for name, effect in asked.items() if session.circumstances.keys() >= {*effect.circumstances}
     }
     hidden = tuple(effect.name for name, effect in asked.items() if name not in effects)
-    known = measured or {}
-    made = partial(Study, session=session, seed=seed, level=level, candidates=effects, measured=known)
+    made = Study(
+        verdict=Verdict.NOT_TESTABLE,
+        finding=Finding((), float("nan"), len(session)),
+        session=session,
+        model=model,
+        seed=seed,
+        level=level,
+        candidates=effects,
+        measured=measured or {},
+    )
     if len(session) < _FEWEST:
-        nothing = Finding((), float("nan"), len(session))
-        return made(Verdict.NOT_TESTABLE, nothing, (), None, model, {})
-    first, confirm = session.halves(seed)
-    made = partial(made, not_testable=hidden)
+        return made
     report = _Progress(progress, len(effects) + 2)
     report("the model as it is")
-    white = whitening(model, first)
-    fits = fitted(model, first, white)
+    white = whitening(model, session)
+    fits = fitted(model, session, white)
     _check_shapes(model, fits)
-    finding = find(model, first, seed=seed, white=white, fits=fits)
-    made = partial(made, finding=finding, first_half=Comparison(first, model, fits))
+    finding = find(model, session, seed=seed, white=white, fits=fits)
+    made = replace(made, finding=finding, comparison=Comparison(session, model, fits), not_testable=hidden)
     if not finding.deviations:
-        return made(Verdict.NOT_TESTABLE, steps=(), verification=None, model=model, sizes={})
-    if finding.p_value > level:
-        quickly = limit_scores(model, effects, first, white, fits, known)
-        if not _clearly_likelier(evidences(quickly, finding)):
-            return made(Verdict.NONE, steps=(), verification=None, model=model, sizes={})._judged_by_all()
-    search = Search(model, effects, first, white, seed, known, report, {} if earlier is None else earlier.trials)
-    steps, explained, trials = searched(search, fits)
-    report("the held-out capsules")
-    evidence = evidences({name: trial.scores for name, trial in trials.items()}, finding)
-    made = partial(made, evidence=evidence, trials=trials, model=model, sizes={})
-    checked = partial(verified, model, confirm=confirm, seed=seed, measured=known, first=finding, level=level)
-    return _confirmed(made, search, steps, checked, finding, confirm, explained=explained)
+        return made
+    known = {} if earlier is None else earlier.trials
+    search = Search(model, effects, session, white, fits, made.measured, report, known)
+    return _judged(made, search, report)
 
 
-def _confirmed(
-    made: Callable[..., Study],
-    search: Search,
-    steps: tuple[Step, ...],
-    checked: Checked,
-    finding: Finding,
-    confirm: Session,
-    *,
-    explained: bool,
-) -> Study:
-    """Return the study once the held-out capsules have judged the steps, which the first half may have explained."""
-    verification = None
-    if steps[0].in_question:
-        steps, verification = checked(steps)
-        if explained and len(steps) == 1 and not verification.leaves_nothing:
-            steps, verification = _with_a_second(search, steps, verification, checked)
-    study = made(Verdict.UNKNOWN, steps=steps, verification=verification)
-    if verification is None or not (explained and verification.holds and _likely(steps, study.evidence)):
-        second = find(search.model, confirm, seed=search.seed) if verification is None else verification.before
-        if _seen_again(finding, second, study.level):
-            return study
-        return made(Verdict.NONE, steps=(), verification=None, second_finding=second)._judged_by_all()
-    steps = _with_own_errors(steps, search.session)
-    made = partial(made, steps=steps, verification=verification)
-    if verification.something_else_in_question or any(len(step.in_question) > 1 for step in steps):
-        return made(Verdict.AMBIGUOUS)
-    extended = search.model
-    for step in steps:
-        extended = extended + step.best.effect
-    return made(Verdict.NAMED, model=extended, sizes={step.in_question[0]: step.best.size for step in steps})
+def _judged(made: Study, search: Search, report: _Progress) -> Study:
+    """Return the study once all explanations are weighed."""
+    finding, session, fits = made.finding, made.session, search.without
+    trials = search.trials()
+    explanations = search.explanations(trials)
+    odds = Odds.of(explanations, finding.discrepancy, session, fits)
+    made = replace(made, trials=trials, odds=odds)
+    if finding.p_value > made.level and odds.against_nothing < LEAST_RATIO:
+        return replace(made, verdict=Verdict.NONE)
+    if odds.best and (odds.something_else > odds.exact[odds.best] or _another_shows(explanations, odds.best)):
+        found = search.pairs(trials)
+        explanations |= {names: explanation for names, (_, explanation) in found.items()}
+        odds = Odds.of(explanations, finding.discrepancy, session, fits)
+        made = replace(made, odds=odds, pairs={names: pair for names, (pair, _) in found.items()})
+    in_question, something_else = odds.in_question(AT_MOST)
+    if not in_question:
+        return replace(made, verdict=Verdict.UNKNOWN)
+    made = replace(made, in_question=in_question, own_errors={names: _own_errors(made, names) for names in in_question})
+    report("names that would be wrong")
+    changes: dict[Names, Change] = {names: each.change for names, each in explanations.items() if len(names) == 1}
+    seen = odds.least_visibility(odds.best)
+    calibration = Calibration.of(changes, seen, finding.discrepancy, search.white, fits, session, made.seed)
+    report("capsules that did not tell the sizes")
+    effects = made.scores_of(odds.best)
+    verification = verified(made.model, effects, session, search.white, fits, finding, made.seed)
+    made = replace(made, calibration=calibration, verification=verification)
+    known = all(_established(each.effect, made.measured) for each in effects)
+    likely = odds.margin(odds.best) > (0.0 if known else calibration.threshold)
+    if not likely or verification.p_value > _HELD_OUT or len(odds.alike[odds.best] & {*in_question}) > 1:
+        return replace(made, verdict=Verdict.AMBIGUOUS, something_else=something_else or len(in_question) == 1)
+    extended = made.model
+    for scores in effects:
+        extended = extended + scores.effect
+    sizes = {scores.effect.parameter.name: scores.size for scores in effects}
+    return replace(made, verdict=Verdict.NAMED, in_question=(odds.best,), model=extended, sizes=sizes)
+
+
+def _another_shows(explanations: Mapping[Names, Explanation], best: Names) -> bool:
+    """Tell whether another effect shows in what the likeliest one leaves."""
+    change = explanations[best].change
+    return max((abs(change.beside(each.change)) for each in explanations.values()), default=0.0) > _SHOWS
+
+
+def _own_errors(made: Study, names: Names) -> tuple[float, ...]:
+    """Return the errors of the sizes of effects by the model's own error, of one with the other at its size."""
+    effects, errors = made.scores_of(names), []
+    for each in effects:
+        here = made.model
+        for other in effects:
+            if other is not each:
+                here = FixedParameters(here + other.effect, {other.effect.parameter.name: other.size})
+        errors.append(own_size_error(here, each, made.session))
+    return tuple(errors)
 
 
 def _check_earlier(earlier: Study | None, session: Session, model: ForwardModel, seed: int) -> None:
-    """Refuse an earlier study of another session or model, or one whose capsules were divided with another seed."""
+    """Refuse an earlier study of another session or model, or one with another seed."""
     asked = session, model.sha256, seed
     if earlier is not None and (earlier.session, earlier.tested_model.sha256, earlier.seed) != asked:
         raise ValueError("earlier: expected a study of the same session and model with the same seed")
@@ -473,45 +422,9 @@ def _check_shapes(model: ForwardModel, fits: Fits) -> None:
         raise NoShapeError("session", "measurements", expected, f"{len(fits.settled)} without one", advice)
 
 
-def _with_a_second(
-    search: Search, steps: tuple[Step, ...], verification: Verification, checked: Checked
-) -> tuple[tuple[Step, ...], Verification]:
-    """Add a second effect, if one explains what only the second half shows and both hold there."""
-    both, explained = search.add_second(steps[0])
-    if explained:
-        both, verified_both = checked(both)
-        if verified_both.holds:
-            return both, verified_both
-    return steps, verification
-
-
-def _with_own_errors(steps: tuple[Step, ...], session: Session) -> tuple[Step, ...]:
-    """Give the sizes of the effects in question the error that the model's own error makes."""
-    with_errors = []
-    for step in steps:
-        scores = dict(step.scores)
-        for name in step.in_question:
-            own_error = own_size_error(step.models[name], scores[name], session)
-            scores[name] = replace(scores[name], own_error=own_error)
-        with_errors.append(replace(step, scores=scores))
-    return tuple(with_errors)
-
-
-def _clearly_likelier(evidence: Mapping[str, float]) -> bool:
-    """Decide whether an effect or something else is far likelier than none."""
-    return max(evidence.values()) > LEAST_RATIO
-
-
-def _seen_again(first: Finding, second: Finding, level: float) -> bool:
-    """Decide whether both halves show a deviation, or something else is far likelier, and the more so by both."""
-    likelier = (first.discrepancy + second.discrepancy).evidence > first.discrepancy.evidence > LEAST_RATIO
-    return likelier or first.combined_p_value(second, among=level) <= level
-
-
-def _likely(steps: tuple[Step, ...], evidence: Mapping[str, float]) -> bool:
-    """Decide whether a single effect is far likelier than none, and not far less likely than an unknown one."""
-    best = evidence[steps[0].in_question[0]]
-    return len(steps) > 1 or (best >= LEAST_RATIO and best >= evidence[UNKNOWN] - LEAST_RATIO)
+def _established(effect: Effect, measured: Measured) -> bool:
+    size, error = measured.get(effect.parameter.name, (effect.null_value, np.inf))
+    return abs(size - effect.null_value) >= _ESTABLISHED * error
 
 
 class _Progress:
@@ -536,13 +449,14 @@ def summary(study: Study) -> dict[str, Any]:
         "verdict": study.verdict.name,
         "sentence": str(study),
         "effects": list(study.names),
+        "in_question": [list(names) for names in study.in_question],
         "something_else": study.something_else,
         "not_testable": list(study.not_testable),
         "sizes": dict(study.sizes),
         "finding": _finding(study.finding),
-        "not_seen_again": None if study.second_finding is None else _finding(study.second_finding),
-        "log_evidence": dict(study.evidence),
-        "probabilities": dict(study.all_probabilities),
+        "probabilities": dict(study.probabilities),
+        "name_wrong": None if study.calibration is None else _number(study.calibration.wrong),
+        "name_power": None if study.calibration is None else _number(study.calibration.power),
         "surface_shear_modulus": {
             "median": _number(modulus.median),
             "interval_95": [_number(modulus.low), _number(modulus.high)],
@@ -569,6 +483,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "p_value": finding.p_value,
         "noise_over_assumed": _number(finding.noise),
         "further_noise_over_l": finding.further_noise,
+        "one_modulus_p_value": _number(finding.one_modulus),
         "capsules": finding.capsules,
         "deviations": _records(finding.table(), "name"),
     }
@@ -594,7 +509,7 @@ def _verification(verification: Verification) -> dict[str, Any]:
         "capsules": len(verification.log_likelihood_ratios),
         "log_likelihood_ratio_per_capsule": verification.log_likelihood_ratio,
         "log_likelihood_ratio_error": verification.error,
-        "log_score_of_something_else": verification.of_something_else,
+        "p_value": verification.p_value,
         **{
             when: _finding(finding) | _moduli(compared, gap)
             for when, finding, compared, gap in zip(

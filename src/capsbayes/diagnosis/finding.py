@@ -15,18 +15,16 @@ from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.scores import (
     REACH,
     REGIONS,
-    AsVisible,
     Discrepancy,
     Measured,
     Outcome,
     Scores,
-    Trial,
     log_of_measured,
     region_displacements,
     whitening,
 )
 from capsbayes.diagnosis.session import Session, Whitening
-from capsbayes.model import Effect, FixedParameters, ForwardModel, Unseen
+from capsbayes.model import FixedParameters, ForwardModel
 
 # Joint estimate of two effects. The log likelihood of both sizes is climbed by parabolas through six points, from the
 # likeliest of a few starts: where one effect absorbs most of the other, both may be far from the sizes found one after
@@ -49,6 +47,20 @@ class _Top(NamedTuple):
     covariance: Floats
 
 
+class Pair(NamedTuple):
+    """Scores of two effects jointly, each maximised over the size of the other, and the fits at the likeliest sizes."""
+
+    first: Scores
+    second: Scores
+    fits: Fits
+    log_evidence: float  # relative to neither
+
+    @property
+    def turned(self) -> Pair:
+        """The same with the second first."""
+        return self._replace(first=self.second, second=self.first)
+
+
 def score_jointly(
     model: ForwardModel,
     first: Scores,
@@ -57,8 +69,8 @@ def score_jointly(
     white: Whitening,
     alone: Fits,
     measured: Measured,
-) -> tuple[Scores, Scores]:
-    """Score two effects jointly on a model without either; each is maximised over the size of the other."""
+) -> Pair:
+    """Score two effects jointly on a model without either."""
     # The first was scored alone, the second with the first at its size. `alone` are the fits of the model with the
     # first alone at its size: what the second is measured against.
     pair = _Pair(model, (first, second), session, white, alone, measured)
@@ -66,7 +78,8 @@ def score_jointly(
     without_second = Outcome.of(alone), first.size
     held = FixedParameters(model + second.effect, {second.effect.parameter.name: float(top.sizes[1])})
     without_first = Outcome.of(fitted(held, session, white)), float(top.sizes[1])
-    return pair.along(0, top, *without_first), pair.along(1, top, *without_second)
+    along = pair.along(1, top, *without_second)
+    return Pair(pair.along(0, top, *without_first), along, pair(top.sizes).fits, first.evidence + along.evidence)
 
 
 class _Pair:
@@ -204,27 +217,6 @@ def own_size_error(model: ForwardModel, scores: Scores, session: Session) -> flo
 TWO_SIGMA = 1.92
 """Fall of the log likelihood at the ends of a 95 % interval."""
 
-_FIRST = 16.0  # part of the prior's reach on one side, at which an effect is tried first
-_FURTHER = 2.0  # factor from one size to the next
-_ENOUGH = 8.0  # fall of the log likelihood, in that of an interval's end, beyond which no further size is tried
-
-
-def limit_scores(
-    model: ForwardModel,
-    candidates: Mapping[str, Effect],
-    session: Session,
-    white: Whitening,
-    without: Fits,
-    measured: Measured,
-) -> dict[str, Scores]:
-    """Score effects at sizes from the null value on, as far as the capsules of a session allow; omit those not seen."""
-    # Whitening and fits are the model's; what was `measured` elsewhere counts.
-    return {
-        name: _profiled(Trial(model, effect, session, white, without, measured.get(name)))
-        for name, effect in candidates.items()
-        if not isinstance(effect, Unseen)
-    }
-
 
 def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     """Return a row for each effect, that which could change G_s most first, indexed by the name of its parameter."""
@@ -251,22 +243,6 @@ def limits_table(scores: Mapping[str, Scores]) -> pd.DataFrame:
     return table.loc[change.sort_values(ascending=False).index]
 
 
-def _profiled(trial: Trial) -> Scores:
-    """Add sizes from the null value on, as far as the capsules allow them, then sizes about the best."""
-    null = trial.effect.null_value
-    for end in (float(trial.effect.prior.ppf(share)) for share in REACH):
-        share = 1.0 / _FIRST
-        while share <= 1.0 and end != null:
-            size = null + share * (end - null)
-            trial.add(size)
-            scores = trial.scores
-            if scores.total[scores.sizes == size] < scores.total.max() - _ENOUGH * TWO_SIGMA:
-                break
-            share *= _FURTHER
-    trial.refine()
-    return trial.scores
-
-
 # Shear modulus of a session, with what is not known of the effect, of its size, and of the viscosity
 
 _DRAWS = 4000
@@ -274,7 +250,26 @@ _FEWEST_CAPSULES = 3  # capsules, whose scatter tells the error of their median
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
 
-Explanation = Sequence[Scores | AsVisible | Discrepancy]
+_STEEPNESS, _STEEPNESS_SPREAD = 20.0, 1.0  # |d ln G_s| per l of visible displacement by effects: median, sd of its log
+_LARGEST_CHANGE = 0.8  # standard deviation of ln G_s by anything that is not known
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownChange:
+    """Change of G_s by what is not known, which displaces the outlines by amplitudes (k,) [l] of probabilities (k,)."""
+
+    amplitudes: Floats
+    probabilities: Floats
+
+    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw changes of ln G_s : (count,) array."""
+        # Effects of the catalogue change ln G_s by 2 to 120 per half width of visible displacement, either way.
+        amplitude = rng.choice(self.amplitudes, count, p=self.probabilities)
+        steepness = _STEEPNESS * np.exp(_STEEPNESS_SPREAD * rng.standard_normal(count))
+        return np.asarray(rng.choice([-1.0, 1.0], count) * steepness * amplitude)
+
+
+Changes = Sequence[Scores | UnknownChange]
 """What acts together; empty for nothing."""
 
 
@@ -288,14 +283,16 @@ class SessionModulus:
 
 
 def session_modulus(
-    explanations: Sequence[tuple[float, Explanation]],
+    explanations: Sequence[tuple[float, Changes]],
     without: Floats,
+    scatter: float,
     viscosity_error: float,
     seed: int,
 ) -> SessionModulus:
     """Return the median G_s, averaged over explanations of given weights."""
-    # `without` (n,) [N/m] are the apparent G_s without an effect, NaN where the model has no shape; the relative error
-    # of the viscosity is common to all capsules.
+    # `without` (n,) [N/m] are the apparent G_s without an effect, and `scatter` is the standard deviation of ln G_s of
+    # the capsules with the likeliest; the relative error of the viscosity is common to all capsules. Changes are
+    # weighted by a normal prior.
     rng = np.random.default_rng([seed, len(without)])
     weights = np.array([weight for weight, _ in explanations])
     logs = np.log(without[np.isfinite(without)])
@@ -304,12 +301,13 @@ def session_modulus(
     counts = rng.multinomial(_DRAWS, weights / weights.sum())
     drawn = np.concatenate(
         [
-            np.median(logs) + sum((change.log_modulus_changes(rng, count) for change in changes), start=np.zeros(count))
+            sum((change.log_modulus_changes(rng, count) for change in changes), start=np.zeros(count))
             for count, (_, changes) in zip(counts, explanations, strict=True)
         ]
     )
-    error = _OF_MEDIAN * logs.std(ddof=1) / np.sqrt(len(logs))
-    drawn += error * rng.standard_t(len(logs) - 1, _DRAWS)
+    likely = np.exp(-0.5 * np.square(drawn / _LARGEST_CHANGE))
+    drawn = np.median(logs) + rng.choice(drawn, _DRAWS, p=likely / likely.sum())
+    drawn += _OF_MEDIAN * scatter / np.sqrt(len(logs)) * rng.standard_t(len(logs) - 1, _DRAWS)
     drawn += viscosity_error * rng.standard_normal(_DRAWS)
     low, median, high = np.exp(np.quantile(drawn, (0.025, 0.5, 0.975)))
     return SessionModulus(float(median), float(low), float(high))
@@ -326,9 +324,17 @@ def session_modulus(
 _FLIPS = 4999
 _WITHOUT = 0.05  # of the capsules that a right model leaves without a shape, at most: debris, gross errors
 _SHAPELESS = "share of capsules without a shape"
+_FOLLOWS = 1e-3  # of its variance, with less of which a circumstance follows from others
 _FEWEST = 4  # contributions, up to which a deviation is not judged
 FLOW = "v_o over that of the flow rate"
-TRENDS = {"velocity": "trend of ln G_s with ln v_o", "size": "trend of ln G_s with a/l"}
+TRENDS = {
+    "velocity": "trend of ln G_s with ln v_o",
+    "size": "trend of ln G_s with a/l",
+    "viscosity": "trend of ln G_s with ln mu",
+    "order": "drift of ln G_s with time",
+}
+_KINDS = "two kinds of capsules by ln G_s"
+_ONE_MODULUS = ("velocity", "size", "viscosity")  # trends of a modulus that is not the same in all circumstances
 
 
 @dataclass(frozen=True)
@@ -362,6 +368,7 @@ class Finding:
     capsules: int  # that were fitted
     discrepancy: Discrepancy = field(default_factory=Discrepancy, repr=False)  # evidence for what no effect describes
     further_noise: float = 0.0  # [l], of single outlines, that was assumed beyond what is stated
+    one_modulus: float = np.nan  # p-value of one G_s at every velocity, size and viscosity
 
     def table(self) -> pd.DataFrame:
         """Return a row for each deviation: ``size`` and ``error`` [``unit``], ``sigma``, ``p_value``."""
@@ -373,22 +380,6 @@ class Finding:
     def p_value(self) -> float:
         """Probability under a right model of a deviation at least as large as the largest."""
         return min((deviation.p_value for deviation in self.deviations), default=1.0)
-
-    def leaves_nothing(self, level: float, at_most: float) -> bool:
-        """Tell whether no deviation is significant at a level, and the log evidence of something else is small."""
-        return self.p_value >= level and self.discrepancy.evidence <= at_most
-
-    def combined_p_value(self, other: Finding, among: float) -> float:
-        """Return the p-value of the largest deviation of this and of other capsules together."""
-        # Only deviations with a p-value of at most `among` here count. Those of the other are looked for by name and
-        # direction, so that they need no correction for the number of deviations.
-        again = {deviation.name: deviation for deviation in other.deviations}
-        both = (
-            _together(deviation, again[deviation.name])
-            for deviation in self.deviations
-            if deviation.p_value <= among and deviation.name in again
-        )
-        return min(both, default=1.0)
 
     def __str__(self) -> str:
         """Return the largest deviation in one line."""
@@ -413,8 +404,8 @@ def find(
     done = np.flatnonzero(fits.settled)
     rest = {name: values[done] for name, values in session.circumstances.items()}
     own = _own_error_of_modulus(model, rest, fits.theta[done])
-    table = [*_of_regions(session, white, fits), *_of_trends(session, fits, done, own)]
-    table = [test for test in table if len(test.contributions) > _FEWEST]
+    trends = _of_trends(session, fits, done, own)
+    table = [test for test in (*_of_regions(session, white, fits), *trends) if len(test.contributions) > _FEWEST]
     freedom = int(fits.freedom[done].sum())
     noise = float(np.sqrt(fits.misfit[done].sum() / freedom)) if freedom else float("nan")
     p_values = _by_signs(table, np.random.default_rng([seed, len(done)]))
@@ -423,13 +414,16 @@ def find(
         Deviation(test.name, test.size * test.scale, test.error * test.scale, test.unit, float(p_value))
         for test, p_value in by_surprise
     ]
-    deviations += [*_of_flow(fits, len(table)), *_without_a_shape(fits)]
+    discrepancy = Discrepancy.of(session, white, fits)
+    deviations += [*_of_flow(fits, len(table)), *_without_a_shape(fits), *_of_kinds(discrepancy, len(table))]
+    one_modulus = [test for test in trends if test.name in {TRENDS[name] for name in _ONE_MODULUS}]
     return Finding(
         tuple(sorted(deviations, key=lambda deviation: deviation.p_value)),
         noise,
         len(done),
-        Discrepancy.of(session, white, fits),
+        discrepancy,
         white.further,
+        float(min(_by_signs(one_modulus, np.random.default_rng([seed, len(done)])), default=np.nan)),
     )
 
 
@@ -443,19 +437,12 @@ def _without_a_shape(fits: Fits) -> list[Deviation]:
     return [Deviation(_SHAPELESS, float(share), float(np.sqrt(error)), "", p_value)]
 
 
-def _together(first: Deviation, second: Deviation) -> float:
-    """Return the p-value of a deviation in both halves, by Stouffer's method."""
-    # That of the velocities from the flow rates has an error common to both, which the second half does not test again.
-    if first.name == FLOW:
-        return first.p_value
-    return float(norm.sf((norm.isf(first.p_value) + _standing(first, second)) / np.sqrt(2.0)))
-
-
-def _standing(first: Deviation, second: Deviation) -> float:
-    """Return the standard normal deviate of a deviation in the direction of an earlier one."""
-    if first.name == _SHAPELESS:
-        return float(norm.isf(second.p_value))
-    return float(second.sigma * np.sign(first.size))
+def _of_kinds(discrepancy: Discrepancy, others: int) -> list[Deviation]:
+    """Return how far two kinds of capsules lie apart; by Markov's inequality the odds of two bound the p-value."""
+    kinds = discrepancy.trend.kinds
+    if not np.isfinite(kinds.apart):
+        return []
+    return [Deviation(_KINDS, kinds.apart, kinds.error, "", float(min(1.0, (others + 1) * np.exp(-kinds.evidence))))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -527,20 +514,23 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
     """Return the tests for slopes of the apparent ln G_s, corrected for errors that both variables share."""
     if not len(done):
         return []
-    velocity = np.log(session.circumstances["capsule_velocity"][done])
-    columns = {"velocity": velocity, "size": fits.size[done]}
+    velocity, viscosity = (np.log(session.circumstances[name][done]) for name in ("capsule_velocity", "viscosity"))
+    order = np.linspace(0.0, 1.0, len(fits.size))[done]
+    columns = {"velocity": velocity, "size": fits.size[done], "viscosity": viscosity, "order": order}
     together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
     columns = {name: values for name, values in columns.items() if np.ptp(values) > 1e-3}
     if len(done) <= _FEWEST + len(columns):
         return []
     weight = 1.0 / (fits.covariance[done, 0, 0] + _scatter(fits, done))
-    design = np.stack([np.ones(len(done)), *columns.values()], axis=1)
     tests = []
-    for number, name in enumerate(columns, start=1):
-        others = np.delete(design, number, axis=1)
-        across = design[:, number] - others @ _solved(others, design[:, number], weight)
+    for name, values in columns.items():  # viscosity and order may follow the others, and come after them
+        before = [*columns][: max([*columns].index(name), 2)]
+        others = np.stack([np.ones(len(done)), *(columns[other] for other in before if other != name)], axis=1)
+        across = values - others @ _solved(others, values, weight)
+        if weight @ across**2 < _FOLLOWS * (weight @ (values - np.average(values, weights=weight)) ** 2):
+            continue
         about = fits.log_modulus[done] - others @ _solved(others, fits.log_modulus[done], weight)
-        contributions = weight * (across * about - together[name])
+        contributions = weight * (across * about - together.get(name, 0.0))
         tests.append(_Test(TRENDS[name], "", 1.0, contributions, weight * across**2, weight * np.abs(across) * own))
     return tests
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -47,26 +48,22 @@ def _kernel(first: Floats, second: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, axis=-1)))
 
 
-class Process(NamedTuple):
-    """Normal amplitudes once data were seen."""
+def log_evidences(information: Floats, shifts: Floats, variances: Floats) -> Floats:
+    """Return the log evidence, relative to none, of normal amplitudes for each of some shifts (q, N) : (N,) array."""
+    # The information (q, q) is that of the data alone; a shift (q,) is it times the likeliest amplitudes.
+    seen, log_volume = _whitened(information, shifts, variances)
+    return np.asarray(0.5 * np.sum(seen**2, axis=1) - log_volume)
 
-    log_evidence: float  # relative to no amplitudes
-    change: float  # mean of the change of ln G_s
-    variance: float  # of that change
 
-    @classmethod
-    def of(cls, information: Floats, shift: Floats, response: Floats, variances: Floats) -> Process:
-        """Infer amplitudes (q,) of given variances from what was seen, and what they change by their response (q,)."""
-        # The information (q, q) is that of the data alone; the shift (q,) is it times the likeliest amplitudes.
-        used = variances > 0.0
-        root = np.sqrt(variances[used])
-        if not used.any():
-            return cls(0.0, 0.0, 0.0)
-        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root)
-        both = np.stack([root * shift[used], root * response[used]], axis=1)
-        seen, moved = scipy.linalg.solve_triangular(factor, both, lower=True).T
-        log_evidence = float(0.5 * seen @ seen - np.sum(np.log(np.diag(factor))))
-        return cls(log_evidence, float(seen @ moved), float(moved @ moved))
+def _whitened(information: Floats, columns: Floats, variances: Floats) -> tuple[Floats, float]:
+    """Return columns (q, N) in units of what the data leave of amplitudes, as rows, and the log of what is lost."""
+    used = variances > 0.0
+    root = np.sqrt(variances[used])
+    if not used.any():
+        return np.zeros((columns.shape[1], 0)), 0.0
+    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * information[np.ix_(used, used)] * root)
+    seen = scipy.linalg.solve_triangular(factor, root[:, None] * columns[used], lower=True)
+    return np.asarray(seen.T), float(np.sum(np.log(np.diag(factor))))
 
 
 # Best shape of a model for each capsule: its own Ca and a/l, found for all capsules together, so that many models can
@@ -86,7 +83,6 @@ class Fits:
     slopes: tuple[Floats, ...]  # n arrays (m, 2): their derivatives along ln Ca and a/l
     log_modulus: Floats  # (n,): ln G_s [N/m] at the mean viscosity
     size: Floats  # (n,): a/l
-    modulus_slopes: Floats  # (n, 2): derivatives of ln G_s along ln Ca and a/l
     covariance: Floats  # (n, 2, 2): of ln G_s and a/l
     log_volume: Floats  # (n,): log determinant of it by the picture alone, without the error of the velocity
     known: Booleans  # (n,): whether the model has any shape for it
@@ -178,7 +174,6 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
         slopes=tuple(values[part] for values, part in zip(places.slopes, of_data, strict=True)),
         log_modulus=np.log(session.circumstances["viscosity"] * speed) - log_ca,
         size=size,
-        modulus_slopes=along[:, 0],
         covariance=covariance,
         log_volume=log_volume,
         known=known,
@@ -188,23 +183,37 @@ def _made(session: Session, evaluate: Evaluation, places: Places, freedom: Integ
     )
 
 
-# Trend of the apparent shear modulus with velocity and size: what lengths alone leave to something else
+# Apparent shear moduli of the capsules: a trend with velocity and a/l, which is what lengths alone leave to something
+# else, a drift in the order of the capsules, or two kinds of capsules
 
 _LENGTHS = np.array([0.7, 0.15])  # length scales of ln v_o and of a/l
+_OF_ORDER = np.array([0.5])  # length scale, over the whole session
 _AMPLITUDES = (0.05, 0.1, 0.2, 0.4)  # of ln G_s
 _SPREADS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of ln G_s between capsules
 _LEVEL = 3.0  # standard deviation of the mean of ln G_s
 _FEWEST = 6
+_LEVELS = np.linspace(-2.0, 2.0, 201)  # of ln G_s, for the lower of two kinds
+_APART = tuple(range(5, 61, 5))  # of two kinds, in steps of the levels
+_SHARES = (0.3, 0.5, 0.7)  # of the lower kind: a few capsules far out are no kind
+
+
+class Kinds(NamedTuple):
+    """Two kinds of capsules: log evidence relative to one, and how far apart their ln G_s lie, with the error."""
+
+    evidence: float = 0.0
+    apart: float = np.nan
+    error: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """Apparent G_s of n capsules, against which a smooth function of velocity and a/l is tried."""
+    """Apparent G_s of n capsules, with what they may depend on."""
 
     places: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): ln v_o and a/l
     log_modulus: Floats = field(default_factory=lambda: np.zeros(0))  # (n,)
     variance: Floats = field(default_factory=lambda: np.zeros(0))  # (n,): of ln G_s by the errors of measurement
     shared: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): covariance of these errors and places
+    order: Floats = field(default_factory=lambda: np.zeros(0))  # (n,): from 0 to 1
 
     @classmethod
     def of(cls, session: Session, fits: Fits) -> Trend:
@@ -213,33 +222,56 @@ class Trend:
         velocity = np.log(session.circumstances["capsule_velocity"])
         shared = np.stack([np.square(session.velocity_errors), fits.covariance[:, 0, 1]], axis=1)
         places = np.stack([velocity, fits.size], axis=1)
-        return cls(places[done], fits.log_modulus[done], fits.covariance[done, 0, 0], shared[done])
-
-    def __add__(self, other: Trend) -> Trend:
-        """Return that of the capsules of both."""
-        names = ("places", "log_modulus", "variance", "shared")
-        return Trend(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+        order = np.linspace(0.0, 1.0, len(done))
+        return cls(places[done], fits.log_modulus[done], fits.covariance[done, 0, 0], shared[done], order[done])
 
     @property
     def evidence(self) -> float:
-        """Log evidence of a trend relative to none; zero for a few capsules."""
+        """Log evidence of a trend, a drift or two kinds, relative to none of them; zero for a few capsules."""
         if len(self.log_modulus) < _FEWEST:
             return 0.0
+        each = self._smooth(self.places, _LENGTHS), self._smooth(self.order[:, None], _OF_ORDER), self.kinds.evidence
+        return float(logsumexp(each) - np.log(len(each)))
+
+    def _smooth(self, places: Floats, lengths: Floats) -> float:
+        """Return the log evidence of a smooth function of places (n, d)."""
         values, errors = self._without_shared_errors()
-        features = np.hstack([np.ones((len(values), 1)), smooth_features(self.places, _LENGTHS)])
+        features = np.hstack([np.ones((len(values), 1)), smooth_features(places, lengths)])
 
         def log_density(amplitude: float, spread: float) -> float:
             variance = errors + spread**2
             weighted = features / variance[:, None]
             amplitudes = np.concatenate([[_LEVEL**2], np.full(features.shape[1] - 1, amplitude**2)])
-            process = Process.of(features.T @ weighted, values @ weighted, np.zeros_like(amplitudes), amplitudes)
-            return process.log_evidence - 0.5 * float(np.sum(values**2 / variance + np.log(variance)))
+            shift = (values @ weighted)[:, None]
+            of_trend = float(log_evidences(features.T @ weighted, shift, amplitudes)[0])
+            return of_trend - 0.5 * float(np.sum(values**2 / variance + np.log(variance)))
 
         def average(amplitudes: tuple[float, ...]) -> float:
             logs = [log_density(*sizes) for sizes in product(amplitudes, _SPREADS)]
             return float(logsumexp(logs) - np.log(len(logs)))
 
         return average(_AMPLITUDES) - average((0.0,))
+
+    @cached_property
+    def kinds(self) -> Kinds:
+        """Two kinds of capsules, each with a normal ln G_s of the same spread."""
+        if len(self.log_modulus) < _FEWEST:
+            return Kinds()
+        values, errors = self._without_shared_errors()
+        one, two = np.empty(len(_SPREADS)), np.empty((len(_SPREADS), len(_APART), len(_SHARES)))
+        for row, spread in enumerate(_SPREADS):
+            variance = (errors + spread**2)[:, None]
+            logs = -0.5 * ((values[:, None] - _LEVELS) ** 2 / variance + np.log(variance))
+            one[row] = logsumexp(logs.sum(axis=0))
+            for (column, apart), (layer, share) in product(enumerate(_APART), enumerate(_SHARES)):
+                both = np.logaddexp(np.log(share) + logs[:, :-apart], np.log1p(-share) + logs[:, apart:])
+                two[row, column, layer] = logsumexp(both.sum(axis=0))
+        by_distance = logsumexp(two, axis=(0, 2))
+        weights = np.exp(by_distance - logsumexp(by_distance))
+        distances = (_LEVELS[1] - _LEVELS[0]) * np.array(_APART)
+        mean = float(weights @ distances)
+        evidence = logsumexp(two) - np.log(two.size) - (logsumexp(one) - np.log(one.size))
+        return Kinds(float(evidence), mean, float(np.sqrt(weights @ (distances - mean) ** 2)))
 
     def _without_shared_errors(self) -> tuple[Floats, Floats]:
         """Return ln G_s (n,) less its mean and what errors shared with the places make of it, and its variance."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple, Self
 
@@ -15,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.diagnosis.fits import Fits, Process, Trend, fitted, smooth_features
+from capsbayes.diagnosis.fits import Fits, Trend, fitted, log_evidences, smooth_features
 from capsbayes.diagnosis.session import OfOutline, Session, Whitening, initial_guesses, whitened_at
 from capsbayes.model import Effect, ForwardModel, Unseen
 from capsbayes.profile import edge_lengths, vertex_normals
@@ -35,9 +36,15 @@ _SHARED = 0.5  # of the variance: displacement that all capsules have in common,
 _AMPLITUDES = (0.0, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)  # standard deviations of the displacement, over l
 _NOISES = (*_AMPLITUDES, 0.064)  # of one capsule alone, along arcs, over l
 _FINELY = 1e-5  # l, to which the likeliest noise is found
-_CAMERA = (0.0, 0.01)  # standard deviations of each distortion
+_CAMERA = (0.0, 0.01, 0.03, 0.06)  # standard deviations of each distortion
+_FEW_CAMERAS = 2  # of these, while the noise is sought
 _CAMERA_MODES = 5
 _COUNT = _EVEN + 1 + _ODD + _CAMERA_MODES
+_OF_CAPSULES = ("places", "information", "shift", "own", "speed")  # arrays of a discrepancy
+
+
+LIKENESS = (0.15, 0.3, 0.6)
+"""Amplitudes of what is like a change of the outlines, over that of the change."""
 
 
 def displacement_modes(outline: Floats) -> Floats:
@@ -68,40 +75,29 @@ class Discrepancy:
     """What n capsules with outlines, and the G_s of those that have a shape, say of something else; halves add up."""
 
     # `information` (n, q, q) is that of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have
-    # absorbed what they can; `shift` (n, q) is the information times the likeliest amplitudes; `response` (n, q) [1/l]
-    # is the change of ln G_s with the amplitudes, by the Ca and a/l that make up for a displacement.
+    # absorbed what they can; `shift` (n, q) is the information times the likeliest amplitudes.
 
     places: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (n, 2): ln Ca and a/l
     information: Floats = field(default_factory=lambda: np.zeros((0, _COUNT, _COUNT)), repr=False)
     shift: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
-    response: Floats = field(default_factory=lambda: np.zeros((0, _COUNT)), repr=False)
     own: Floats = field(default_factory=lambda: np.zeros(0))  # (n,) [l]: rms of the own error along each outline
+    speed: Floats = field(default_factory=lambda: np.zeros(0))  # (n,): ln v_o
     trend: Trend = field(default_factory=Trend, repr=False)
 
     @classmethod
     def of(cls, session: Session, white: Whitening, fits: Fits) -> Discrepancy:
         """Collect it from the fits of a session."""
-        rows, columns = [], []
+        columns = []
+        speed = np.log(session.circumstances["capsule_velocity"])
         for row, whitener in white.outlines(fits.settled):
-            seen = whitener.likelihood
-            whole = seen.whitened_displacement(displacement_modes(seen.pilot))
-            basis, triangle = np.linalg.qr(fits.slopes[row])
-            along = whole @ basis
-            left = whole - along @ basis.T
-            response = along @ np.linalg.solve(triangle.T, fits.modulus_slopes[row])
-            rows.append(row)
-            columns.append((left @ left.T, left @ fits.residuals[row], response, _own_error(whitener)))
+            left = left_of_modes(whitener, fits, row)
+            seen = left @ left.T, left @ fits.residuals[row]
+            columns.append((fits.theta[row], *seen, _own_error(whitener), speed[row]))
         trend = Trend.of(session, fits)
-        if not rows:
+        if not columns:
             return cls(trend=trend)
-        information, shift, response, own = (np.array(column) for column in zip(*columns, strict=True))
-        return cls(fits.theta[rows], information, shift, response, own, trend)
-
-    def __add__(self, other: Discrepancy) -> Discrepancy:
-        """Return that of the capsules of both."""
-        names = ("places", "information", "shift", "response", "own")
-        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        return Discrepancy(**arrays, trend=self.trend + other.trend)
+        arrays = map(np.array, zip(*columns, strict=True))
+        return cls(**dict(zip(_OF_CAPSULES, arrays, strict=True)), trend=trend)
 
     @property
     def noise(self) -> float:
@@ -119,8 +115,7 @@ class Discrepancy:
     def _of_noise(self, noise: float) -> float:
         """Return the log likelihood of displacements of single capsules, with something else or without it."""
         rest, of_noise = self._without(noise)
-        either = [process.log_evidence for some in (False, True) for process in rest._processes(something_else=some)]
-        return float(of_noise + logsumexp(either))
+        return of_noise + float(rest._evidences(rest.shift[..., None], product(_AMPLITUDES, _CAMERA[:_FEW_CAMERAS]))[0])
 
     def _without(self, noise: float) -> tuple[Discrepancy, float]:
         """Integrate over displacements of single capsules, and return the rest and their log evidence."""
@@ -140,50 +135,88 @@ class Discrepancy:
         outlines = self.of_outlines
         return float(logsumexp([outlines, trend, outlines + trend]) - np.log(3.0))
 
-    @property
+    @cached_property
     def of_outlines(self) -> float:
         """Log evidence of displaced outlines relative to the model's own error; zero without outlines."""
-        if not len(self.places):
-            return 0.0
-        without = [process.log_evidence for process in self._processes(something_else=False)]
-        with_it = [process.log_evidence for process in self._processes(something_else=True)]
-        return float(logsumexp(with_it) - np.log(len(with_it)) - logsumexp(without) + np.log(len(without)))
+        return float(self.of_shifts(self.shift[..., None])[0]) if len(self.places) else 0.0
 
-    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes (count,) of the mean ln G_s if something else displaces the outlines, or makes a trend."""
-        # A trend alone changes nothing of it.
-        if not len(self.places):
-            return np.zeros(count)
-        outlines, trend = self.of_outlines, self.trend.evidence
-        displaced = rng.random(count) < 1.0 / (1.0 + np.exp(trend - outlines - np.logaddexp(0.0, trend)))
-        processes = list(self._processes(something_else=True))
-        logs = np.array([process.log_evidence for process in processes])
-        chosen = rng.choice(len(processes), count, p=np.exp(logs - logsumexp(logs)))
-        mean, variance = (np.array([getattr(each, name) for each in processes]) for name in ("change", "variance"))
-        return np.asarray(displaced * (mean[chosen] + np.sqrt(variance[chosen]) * rng.standard_normal(count)))
+    @property
+    def scale(self) -> float:
+        """Visibility of a process of displacements of amplitude one, in standard errors over l."""
+        modes = np.concatenate([_spectrum(_ARC[-1]), np.zeros(_CAMERA_MODES)])
+        return float(np.sqrt(np.einsum("nii,i->", self.information, modes)))
 
-    def _processes(self, *, something_else: bool) -> Iterator[Process]:
-        """Yield the model's own error with something else, or without it."""
-        own = float(np.mean(self.own**2))
-        kinds = [kind for kind in product(_AMPLITUDES, _CAMERA) if any(kind) == something_else]
+    def like(self, amplitude: float) -> Floats:
+        """Return the log evidence of displacements a part as large as an amplitude [l], for each of some parts."""
+        return self.like_shifts(self.shift[..., None], amplitude)[:, 0]
+
+    def like_shifts(self, shifts: Floats, amplitude: float) -> Floats:
+        """Return that for other shifts (n, q, N) : (parts, N) array."""
+        own = self._evidences(shifts, _NOTHING_ELSE)
+        return np.array([self._evidences(shifts, [(share * amplitude, 0.0)]) - own for share in LIKENESS])
+
+    def of_shifts(self, shifts: Floats) -> Floats:
+        """Return `of_outlines` for other shifts (n, q, N) : (N,) array."""
+        return self._evidences(shifts, _SOMETHING) - self._evidences(shifts, _NOTHING_ELSE)
+
+    def _evidences(self, shifts: Floats, kinds: Iterable[tuple[float, float]]) -> Floats:
+        """Return the mean log evidence (N,) of the model's own error with displacements and distortions."""
+        logs, lengths = [], list(product(_ARC, kinds))
         for features in self._dependences():
-            information, shift = self._summed(features)
-            response = (features.T @ self.response).ravel() / len(features)
-            for length, (amplitude, camera) in product(_ARC, kinds):
-                each = np.concatenate([(amplitude**2 + own) * _spectrum(length), np.full(_CAMERA_MODES, camera**2)])
-                yield Process.of(information, shift, response, np.tile(each, features.shape[1]))
+            information, _ = self._summed(features)
+            summed = np.einsum("na,nqN->aqN", features, shifts).reshape(len(information), -1)
+            each = (np.tile(self._variances(length, kind), features.shape[1]) for length, kind in lengths)
+            logs += [log_evidences(information, summed, variances) for variances in each]
+        return np.asarray(logsumexp(logs, axis=0) - np.log(len(logs)))
 
-    def _dependences(self) -> tuple[Floats, Floats]:
-        """Return features (n, r) of processes over the capsules: the same in all, and depending on ln Ca and a/l."""
+    def _variances(self, length: float, kind: tuple[float, float]) -> Floats:
+        """Return the variances (q,) of the modes."""
+        amplitude, camera = kind
+        of_arc = (amplitude**2 + float(np.mean(self.own**2))) * _spectrum(length)
+        return np.concatenate([of_arc, np.full(_CAMERA_MODES, camera**2)])
+
+    def taken(self, rows: Sequence[int]) -> Discrepancy:
+        """Return that of some capsules, without the trend."""
+        return Discrepancy(**{name: getattr(self, name)[list(rows)] for name in _OF_CAPSULES})
+
+    @property
+    def amplitudes(self) -> tuple[Floats, Floats]:
+        """Amplitudes (k,) [l] of displacements by something else, and their probabilities (k,)."""
+        if not len(self.places):
+            return np.zeros(1), np.ones(1)
+        logs = np.array([self._evidences(self.shift[..., None], [kind])[0] for kind in _SOMETHING])
+        sizes = np.array([np.hypot(amplitude, 0.5 * camera) for amplitude, camera in _SOMETHING])
+        return sizes, np.exp(logs - logsumexp(logs))
+
+    def _dependences(self) -> tuple[Floats, ...]:
+        """Return features (n, r) of processes: the same in all, depending on ln Ca and a/l, and growing with ln v_o."""
         same = np.ones((len(self.places), 1))
-        smooth = smooth_features(self.places, np.array(_PLACE))
-        return same, np.hstack([_SHARED**0.5 * same, (1.0 - _SHARED) ** 0.5 * smooth])
+        further = smooth_features(self.places, np.array(_PLACE)), standardised(self.speed)[:, None]
+        return same, *(np.hstack([_SHARED**0.5 * same, (1.0 - _SHARED) ** 0.5 * each]) for each in further)
 
     def _summed(self, features: Floats) -> tuple[Floats, Floats]:
         """Return information (r q, r q) and shift (r q,) of the amplitudes of all modes along all features."""
         size = features.shape[1] * _COUNT
         information = np.einsum("na,nb,nij->aibj", features, features, self.information, optimize=True)
         return information.reshape(size, size), (features.T @ self.shift).reshape(size)
+
+
+_NOTHING_ELSE = [(0.0, 0.0)]
+_SOMETHING = [kind for kind in product(_AMPLITUDES, _CAMERA) if any(kind)]
+
+
+def standardised(values: Floats, weights: Floats | None = None) -> Floats:
+    """Return values (n,) less their mean and over their standard deviation, both with weights (n,)."""
+    away = values - np.average(values, weights=weights)
+    spread = np.sqrt(np.average(away**2, weights=weights))
+    return np.asarray(away / spread if spread > 0.0 else away)
+
+
+def left_of_modes(whitener: OfOutline, fits: Fits, row: int) -> Floats:
+    """Return the whitened displacement modes (q, m) of a capsule once Ca and a/l absorb what they can."""
+    whole = whitener.likelihood.whitened_displacement(displacement_modes(whitener.likelihood.pilot))
+    basis = np.linalg.qr(fits.slopes[row])[0]
+    return np.asarray(whole - (whole @ basis) @ basis.T)
 
 
 def _own_error(seen: OfOutline) -> float:
@@ -244,6 +277,7 @@ REACH = (0.001, 0.999)
 
 _QUANTILES = (REACH[0], 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, REACH[1])  # of the prior, at which an effect is tried first
 _REFINED = 2  # times that sizes about the best are added
+_FAR = 50.0  # log likelihood below the best, beyond which no size further away is tried
 _NEXT = 0.02  # of the distance of its neighbours, from the best size
 _FINE = 20_001
 _EQUAL = 1e-6  # log likelihoods that differ by less are the same
@@ -276,7 +310,8 @@ class Scores:
         cls, effect: Effect, sizes: Sequence[float], outcomes: Sequence[Outcome], elsewhere: Sequence[float]
     ) -> Self:
         """Score what came of rising sizes."""
-        likelihoods, _, moduli = (np.array(column) for column in zip(*outcomes, strict=True))
+        likelihoods = np.array([each.log_likelihood for each in outcomes])
+        moduli = np.array([each.fits.median_modulus for each in outcomes])
         return cls(effect, np.array(sizes), likelihoods, np.array(elsewhere), moduli)
 
     @property
@@ -341,13 +376,6 @@ class Scores:
         sizes = np.interp(rng.random(count) * below[-1], below, fine) + self.own_error * rng.standard_normal(count)
         return np.nan_to_num(self.log_modulus_change(sizes))
 
-    def as_visible(self, drop: float) -> AsVisible:
-        """Return the change of G_s by an effect like this one whose log likelihood is `drop` above that of none."""
-        (low, high), (least, most) = self.interval(drop), self._reach
-        to_null = self.effect.null_value - self.size
-        ends = least if low <= least else max(low + to_null, least), most if high >= most else min(high + to_null, most)
-        return AsVisible(tuple(np.nan_to_num(self.log_modulus_change(ends))))
-
     def __str__(self) -> str:
         """Return the effect, its size and 68 % interval."""
         parameter = self.effect.parameter
@@ -401,28 +429,16 @@ class Scores:
         return float(low), float(high)
 
 
-@dataclass(frozen=True)
-class AsVisible:
-    """Change of G_s by an unknown effect that shows as clearly as a known one, whose changes either way are given."""
-
-    log_modulus_change: tuple[float, ...]
-
-    def log_modulus_changes(self, rng: np.random.Generator, count: int) -> Floats:
-        """Draw changes of ln G_s : (count,) array."""
-        return rng.choice(self.log_modulus_change, count)
-
-
 class Outcome(NamedTuple):
     """Fits with an effect at one size, or with two effects."""
 
     log_likelihood: Floats
-    theta: Floats
-    modulus: float
+    fits: Fits
 
     @classmethod
     def of(cls, fits: Fits) -> Outcome:
         """Score the fits with it."""
-        return cls(log_likelihood(fits), fits.theta, fits.median_modulus)
+        return cls(log_likelihood(fits), fits)
 
 
 class Trial:
@@ -458,11 +474,20 @@ class Trial:
         elsewhere = [log_of_measured(size, self.measured) for size in sizes]
         return Scores.of(self.effect, sizes, [self._outcomes[size] for size in sizes], elsewhere)
 
+    @property
+    def fits(self) -> Fits:
+        """Fits at the likeliest size."""
+        return self._outcomes[self.scores.size].fits
+
     def explored(self) -> Trial:
-        """Try sizes over the whole prior of the effect, and some around the best."""
-        first = _first_sizes(self.effect, self.measured)
-        for size in sorted(first, key=lambda guess: abs(guess - self.effect.null_value)):
-            self.add(size, everywhere=True)
+        """Try sizes from the null value on, as far as they are likely, and some around the best."""
+        null, first = self.effect.null_value, np.array(_first_sizes(self.effect, self.measured))
+        for side in (-1.0, 1.0):
+            for away in np.sort(side * (first - null)[side * (first - null) > 0.0]):
+                self.add(null + side * float(away), everywhere=True)
+                scores = self.scores
+                if scores.total[0 if side < 0.0 else -1] < scores.total.max() - _FAR:
+                    break
         self.refine(1)
         return self
 
@@ -477,7 +502,7 @@ class Trial:
         """Fit the capsules with the effect at a size, from the fits at the nearest one; see `fitted`."""
         if size in self._outcomes:
             return
-        start = self._outcomes[min(self._outcomes, key=lambda other: abs(other - size))].theta
+        start = self._outcomes[min(self._outcomes, key=lambda other: abs(other - size))].fits.theta
         sizes = {self.effect.parameter.name: size}
         fits = fitted(self.model + self.effect, self.session, self.white, sizes, start, everywhere=everywhere)
         outcome = Outcome.of(fits)
@@ -562,12 +587,12 @@ def log_likelihood(fits: Fits) -> Floats:
 # Errors of a session's measurements as they are stated, and the noise of its outlines beyond that
 
 
-def whitening(model: ForwardModel, session: Session, *, halves: int = 2) -> Whitening:
+def whitening(model: ForwardModel, session: Session) -> Whitening:
     """Compute the covariance of each capsule's measurement and of the model's own error there."""
     # Evaluated at the shape that fits the lengths, then again at that which fits the outline. If single outlines
-    # scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`). The capsules are one of
-    # so many `halves`, which have the errors of the microscope in common.
-    among = halves * len(session)
+    # scatter by more than is stated, their noise is larger by that much (`Discrepancy.noise`). All have the errors of
+    # the microscope in common.
+    among = len(session)
     pilots = initial_guesses(model, session, session.circumstances, np.arange(len(session)), bands=1)[0]
     made = whitened_at(model, session, pilots, among=among)
     if not made.outline:

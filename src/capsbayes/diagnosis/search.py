@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
 
 from capsbayes.arrays import Floats
-from capsbayes.diagnosis.finding import Deviation, Finding, find, score_jointly
-from capsbayes.diagnosis.fits import Fits, fitted
-from capsbayes.diagnosis.scores import Measured, Scores, Trial
+from capsbayes.diagnosis.finding import Deviation, Pair, score_jointly
+from capsbayes.diagnosis.fits import Fits
+from capsbayes.diagnosis.odds import Change, Explanation, Names
+from capsbayes.diagnosis.scores import Discrepancy, Measured, Trial
 from capsbayes.diagnosis.session import Session, Whitening
 from capsbayes.infer.outline import Footing, aligned_with
-from capsbayes.model import Effect, FixedParameters, ForwardModel, Unseen
+from capsbayes.model import Effect, FixedParameters, ForwardModel
 
 # Comparison of the capsules of a session with the best shapes of a model
 
@@ -36,6 +37,7 @@ class Comparison:
     session: Session = field(repr=False)
     model: ForwardModel = field(repr=False)
     fits: Fits = field(repr=False)
+    sizes: Mapping[str, Floats] = field(default_factory=dict, repr=False)  # (n,) of effects, if the capsules differ
 
     def table(self) -> pd.DataFrame:
         """Return a row for each capsule, indexed by its source; G_s is NaN where the model has no such shape."""
@@ -145,7 +147,7 @@ class Comparison:
     def _theta(self) -> dict[str, Floats]:
         """Best shapes and circumstances : dict of (n,) array."""
         places = {"capillary_number": np.exp(self.fits.theta[:, 0]), "size_ratio": self.fits.theta[:, 1]}
-        return {**self.session.circumstances, **places}
+        return {**self.session.circumstances, **self.sizes, **places}
 
     @property
     def _metres(self) -> float:
@@ -159,60 +161,14 @@ def _median(values: Floats) -> float:
 
 # Search for the effect that explains why a session disagrees with a model, or for two effects
 
-LEFT = 0.01
-"""P-value of the remaining deviations below which they are not explained."""
-
 LEAST_RATIO = 3.0
-"""Log-likelihood ratio below which an effect explains nothing, or no more than another, and log evidence of something
-else up to which an effect is not refuted."""
+"""Log-likelihood ratio below which an effect explains nothing, and log odds from which nothing is no explanation."""
 
-AT_MOST = 8.0
-"""Lag in log likelihood or log evidence from which an explanation is no longer in question: odds of 3000 to 1."""
-
-NOTHING, UNKNOWN = "none", "unknown"
-"""Names of no effect, and of an effect that is not in the catalogue, next to those of the effects."""
+AT_MOST = 5.0
+"""Lag in log probability up to which an explanation is in question: odds of 150 to 1."""
 
 _TOGETHER = 4  # effects at most that are measured together with the first
 _FAR_BEHIND = 20.0  # in log likelihood, beyond which an effect is not looked at more closely
-_APART = 2.5  # standard errors between the log-likelihood ratios of two effects, below which they are not distinguished
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Effect that is added, with its alternatives."""
-
-    # `scores` are of every candidate, together with the effects added before, the likeliest first; of the first of two
-    # and of its alternatives, together with the second.
-
-    scores: Mapping[str, Scores]
-    in_question: tuple[str, ...]  # the likeliest, and those not distinguished from it; empty if none explains anything
-    models: Mapping[str, ForwardModel] = field(repr=False)  # to which each is added: with that before, at its size
-    left: Mapping[str, Finding] = field(repr=False)  # deviations that remain with each effect in question
-    before: Mapping[str, Scores] = field(default_factory=dict, repr=False)  # of the effect before, with each scored
-
-    @property
-    def best(self) -> Scores:
-        """Scores of the effect that is added."""
-        return self.scores[self.in_question[0]]
-
-    @property
-    def after(self) -> FixedParameters:
-        """Model with the effect at its size."""
-        return self.with_effect(self.in_question[0])
-
-    def with_effect(self, name: str) -> FixedParameters:
-        """Return the model with one of the candidates at its size."""
-        return _with(self.models[name], self.scores[name])
-
-
-def searched(search: Search, fits: Fits) -> tuple[tuple[Step, ...], bool, Mapping[str, Trial]]:
-    """Try every effect, and every second one with the likeliest if deviations remain; `fits` are the model's."""
-    # Returns the steps, whether no deviation remains after the last, and the trials of each effect alone.
-    trials = search.trials(search.model, fits, search.candidates)
-    first, explained = search.judged(_refined(trials), dict.fromkeys(search.candidates, search.model), {})
-    if explained or not first.in_question:
-        return (first,), explained, trials
-    return *search.add_second(first), trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +179,57 @@ class Search:
     candidates: Mapping[str, Effect]  # by name of their parameter
     session: Session
     white: Whitening  # made with the model
-    seed: int  # of the random signs
+    without: Fits  # of the model
     measured: Measured
     report: Callable[[str], None]  # called with the name of each effect that is tried
     earlier: Mapping[str, Trial] = field(default_factory=dict)  # of each effect alone, on the same session
 
-    def trials(self, here: ForwardModel, fits: Fits, names: Iterable[str]) -> dict[str, Trial]:
+    def trials(self) -> dict[str, Trial]:
+        """Try every effect alone, the likeliest first; sizes are added where it is not far behind."""
+        return _refined(self._tried(self.model, self.without, self.candidates))
+
+    def explanations(self, trials: Mapping[str, Trial]) -> dict[Names, Explanation]:
+        """Return what each effect explains alone, those omitted that leave no trace in what is measured."""
+        return {
+            (name,): self._explanation(trial.scores.evidence, trial.fits)
+            for name, trial in trials.items()
+            if not trial.unseen
+        }
+
+    def pairs(self, trials: Mapping[str, Trial]) -> dict[Names, tuple[Pair, Explanation]]:
+        """Try every other effect together with the likeliest, and every other in its place next to the best of them."""
+        first = next(iter(trials))
+        found = self._with(trials[first], trials)
+        if found:
+            second = max(found, key=lambda name: found[name].log_evidence)
+            alternatives = self._with(trials[second], {name: trials[name] for name in trials if name != first})
+            pairs = {(first, name): pair for name, pair in found.items()}
+            pairs |= {(name, second): pair.turned for name, pair in alternatives.items()}
+        else:
+            pairs = {}
+        return {names: (pair, self._explanation(pair.log_evidence, pair.fits)) for names, pair in pairs.items()}
+
+    def _with(self, known: Trial, trials: Mapping[str, Trial]) -> dict[str, Pair]:
+        """Measure the likeliest few effects together with a known one."""
+        scores, name = known.scores, known.effect.parameter.name
+        here = FixedParameters(self.model + scores.effect, {name: scores.size})
+        others = [other for other, trial in trials.items() if other != name and not trial.unseen]
+        tried = _refined(self._tried(here, known.fits, others))
+        most = max((trial.scores.log_likelihood_ratio for trial in tried.values()), default=0.0)
+        pairs = {}
+        for other, trial in list(tried.items())[:_TOGETHER]:
+            if trial.scores.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND):
+                self.report(f"{scores.effect.name} with {trial.effect.name}")
+                pairs[other] = score_jointly(
+                    self.model, scores, trial.scores, self.session, self.white, known.fits, self.measured
+                )
+        return pairs
+
+    def _explanation(self, log_evidence: float, fits: Fits) -> Explanation:
+        change = Change.of(self.white, self.without, fits)
+        return Explanation(log_evidence, change, Discrepancy.of(self.session, self.white, fits))
+
+    def _tried(self, here: ForwardModel, fits: Fits, names: Iterable[str]) -> dict[str, Trial]:
         """Try effects on top of a model, whose fits are given."""
         trials = {}
         for name in names:
@@ -241,123 +242,11 @@ class Search:
                 trials[name] = known.with_measured(self.measured.get(name))
         return trials
 
-    def judged(
-        self, scores: Mapping[str, Scores], models: Mapping[str, ForwardModel], before: Mapping[str, Scores]
-    ) -> tuple[Step, bool]:
-        """Select the effects that are not distinguished from the best, and tell whether any leaves no deviation."""
-        # If one does, those that clearly leave something are dropped.
-        alike = _indistinguishable_from_best(scores)
-        left = {name: find(_with(models[name], scores[name]), self.session, seed=self.seed) for name in alike}
-        explaining = tuple(name for name in alike if left[name].leaves_nothing(LEFT, LEAST_RATIO))
-        return Step(scores, explaining or alike, models, left, before), bool(explaining)
 
-    def add_second(self, first: Step, *, again: bool = True) -> tuple[tuple[Step, ...], bool]:
-        """Find a second effect to add to the likeliest, and the alternatives to the first."""
-        # If an alternative is likelier together with the second, the second is sought again with that.
-        used = first.in_question[0]
-        names = [name for name in self.candidates if name != used]
-        before, scores = self._scored_with(first.best, names)
-        models = {name: _with(self.model, before[name]) if name in before else first.after for name in names}
-        second, explained = self.judged(by_ratio(scores), models, before)
-        if not explained:
-            return (first, second), False
-        pairs = self._alternatives(first, second)
-        if again and next(iter(pairs)) != used:
-            both, explained = self.add_second(replace(first, in_question=tuple(pairs)), again=False)
-            if explained:
-                return both, True
-        pairs.pop(used, None)
-        return (replace(first, in_question=(used, *pairs), scores={**first.scores, **pairs}), second), True
-
-    def _alternatives(self, first: Step, second: Step) -> dict[str, Scores]:
-        """Score the effects not distinguished from the likeliest, which comes first, together with the second."""
-        used, name = first.in_question[0], second.in_question[0]
-        others = [other for other in self.candidates if other not in (used, name)]
-        pairs = {used: second.best, **self._scored_with(second.best, others)[1]}
-        best = max(pairs, key=lambda candidate: float(pairs[candidate].total.max()))
-        alike = {
-            name: score for name, score in pairs.items() if name != best and _alike_with_others(pairs[best], score)
-        }
-        return {best: pairs[best]} | dict(sorted(alike.items(), key=lambda pair: -float(pair[1].total.max())))
-
-    def _scored_with(self, known: Scores, names: Iterable[str]) -> tuple[dict[str, Scores], dict[str, Scores]]:
-        """Score effects with a known one; return its scores jointly with each of the likeliest, and those of all."""
-        here = _with(self.model, known)
-        alone = fitted(here, self.session, self.white)
-        scores, known_scores = _refined(self.trials(here, alone, names)), {}
-        for name in _worth_measuring_together(scores):
-            self.report(f"{known.effect.name} with {self.candidates[name].name}")
-            known_scores[name], scores[name] = score_jointly(
-                self.model, known, scores[name], self.session, self.white, alone, self.measured
-            )
-        return known_scores, scores
-
-
-def _worth_measuring_together(scores: Mapping[str, Scores]) -> tuple[str, ...]:
-    """Return the likeliest few on top of the first at its size."""
-    most = max((score.log_likelihood_ratio for score in scores.values()), default=0.0)
-    return tuple(
-        name for name, score in scores.items() if score.log_likelihood_ratio > max(LEAST_RATIO, most - _FAR_BEHIND)
-    )[:_TOGETHER]
-
-
-def _refined(trials: Mapping[str, Trial]) -> dict[str, Scores]:
-    """Return the scores of all, the likeliest first, refined for those that are not far behind."""
+def _refined(trials: Mapping[str, Trial]) -> dict[str, Trial]:
+    """Refine those that are not far behind, and return all, the likeliest first."""
     most = max((trial.scores.log_likelihood_ratio for trial in trials.values()), default=0.0)
     for trial in trials.values():
         if trial.scores.log_likelihood_ratio > min(0.5 * most, most - _FAR_BEHIND):
             trial.refine()
-    return by_ratio({name: trial.scores for name, trial in trials.items()})
-
-
-def by_ratio(scores: Mapping[str, Scores]) -> dict[str, Scores]:
-    """Return scores in the order of their log-likelihood ratio, the likeliest effect first."""
-    return dict(sorted(scores.items(), key=lambda item: -item[1].log_likelihood_ratio))
-
-
-def _with(model: ForwardModel, scores: Scores) -> FixedParameters:
-    return FixedParameters(model + scores.effect, {scores.effect.parameter.name: scores.size})
-
-
-def _indistinguishable_from_best(scores: Mapping[str, Scores]) -> tuple[str, ...]:
-    """Return the likeliest effect, and those as likely but for the scatter from capsule to capsule."""
-    seen = {name: score for name, score in scores.items() if not isinstance(score.effect, Unseen)}
-    names = [name for name, score in seen.items() if score.log_likelihood_ratio > LEAST_RATIO]
-    return tuple(name for name in names if _alike(scores[names[0]], scores[name]))
-
-
-def _alike(best: Scores, other: Scores) -> bool:
-    return indistinguishable(
-        best.log_likelihood_ratio - other.log_likelihood_ratio, best.log_likelihood_ratios - other.log_likelihood_ratios
-    )
-
-
-def _alike_with_others(best: Scores, other: Scores) -> bool:
-    """Tell the same of scores together with different effects."""
-    lags = best.log_likelihood[best.best] - other.log_likelihood[other.best]
-    return indistinguishable(float(best.total.max() - other.total.max()), lags)
-
-
-def indistinguishable(lag: float, lags: Floats) -> bool:
-    """Tell whether an effect lags behind another in log likelihood by no more than a few capsules decide."""
-    # The lag is that of all that was measured, the lags (n,) those of each capsule. Beyond `AT_MOST` it decides.
-    return lag < max(LEAST_RATIO, min(_APART * float(np.sqrt(np.sum(lags**2))), AT_MOST))
-
-
-def probabilities(evidence: Mapping[str, float], trials: Mapping[str, Trial]) -> dict[str, float]:
-    """Return the probabilities of explanations as probable beforehand, the most probable first; unseen ones omitted."""
-    seen = {name: value for name, value in evidence.items() if name not in trials or not trials[name].unseen}
-    most = max(seen.values(), default=0.0)
-    weights = {name: float(np.exp(value - most)) for name, value in seen.items()}
-    whole = sum(weights.values())
-    return {name: weight / whole for name, weight in sorted(weights.items(), key=lambda item: -item[1])}
-
-
-def evidences(scores: Mapping[str, Scores], finding: Finding) -> dict[str, float]:
-    """Return the log evidence of each effect, of `NOTHING` and of `UNKNOWN`, relative to that of `NOTHING`."""
-    # With equal prior probabilities, the odds of two explanations are the ratio of their evidences: of the likelihoods
-    # averaged over the prior of the size of an effect, or over smooth deformations for something else. All candidates
-    # are added to the same model, with which the finding was made; the likeliest comes first.
-    log_evidence = {name: score.evidence for name, score in scores.items()}
-    log_evidence |= {NOTHING: 0.0, UNKNOWN: finding.discrepancy.evidence}
-    return dict(sorted(log_evidence.items(), key=lambda item: -item[1]))
+    return dict(sorted(trials.items(), key=lambda item: -item[1].scores.log_likelihood_ratio))

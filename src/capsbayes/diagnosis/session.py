@@ -160,8 +160,8 @@ class Session:
         """Return a session of some of the capsules, given by an array of row numbers."""
         return Session([self.measurements[int(row)] for row in np.asarray(rows)], self.experiment)
 
-    def halves(self, seed: int) -> tuple[Session, Session]:
-        """Divide the capsules at random into halves of like sizes and velocities."""
+    def halves(self, seed: int) -> tuple[Integers, Integers]:
+        """Divide the capsules at random into halves of like sizes and velocities, and return their rows."""
         rng = np.random.default_rng(seed)
         extent = np.array([measurement.axial_extent for measurement in self.measurements])
         order = np.lexsort((self.circumstances["capsule_velocity"], np.argsort(np.argsort(extent)) // _BIN))
@@ -171,7 +171,7 @@ class Session:
             pair = rng.permutation(order[start : start + 2])
             first.append(int(pair[0]))
             second.extend(int(row) for row in pair[1:])
-        return self.taken(sorted(first)), self.taken(sorted(second))
+        return np.array(sorted(first)), np.array(sorted(second))
 
 
 # Whitened residuals of measurements: independent numbers of variance one under a right model. The covariance that does

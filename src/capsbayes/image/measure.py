@@ -331,7 +331,8 @@ def measurement_of_lengths(
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
-    known = [0, 1] if np.isfinite(lengths[1]) else [0]
+    rear = np.isfinite(lengths[1]) and covariance[1, 1] < lengths[1] ** 2  # an error beyond its value tells nothing
+    known = [0, 1] if rear else [0]
     scaled = lengths[known] * scale
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
     errors = np.sqrt(np.diag(spread))

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from capsbayes.diagnosis import (
-    LEAST_RATIO,
     NOTHING,
     UNKNOWN,
     Deviation,
@@ -19,7 +18,7 @@ from capsbayes.diagnosis import (
     Verdict,
     Verification,
 )
-from capsbayes.diagnosis.finding import TWO_SIGMA
+from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import unit_of, with_unit
@@ -29,18 +28,17 @@ ALONE = {NOTHING: "no effect", UNKNOWN: "something else"}
 """Explanations that are no effects of the catalogue."""
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
-_OTHERS = {
-    NOTHING: "none",
-    UNKNOWN: "something else: any smooth deformation that depends on the capsule, or a trend of G_s",
-}
 _SHOWN = 5  # effects on the terminal at least; a page has all of them
 _NOISIER = 1.1  # noise over the stated one, from which it is said
+_FEW_WRONG = 0.0095  # share of wrong names below which it is not told
+_NOT_KNOWN = 0.5  # probability of something else from which G_s is not to be used
+_LEAST_SHARE = 0.01  # per cent, below which a p-value is not told
 _MANY = 1e3  # odds beyond which no number is trusted: it would be that of the tails of the stated noise
 
 
 def opening(study: Study) -> list[str]:
     """Return the sentences that a study begins with: verdict, probabilities, range of G_s, and what the data lack."""
-    further = (_limits, _probabilities, _session_modulus, _modulus_range, _noise, _outliers, _lacking)
+    further = (_rates, _limits, _probabilities, _session_modulus, _one_modulus, _noise, _outliers, _lacking)
     return [verdict_sentence(study), *(sentence for words in further for sentence in words(study))]
 
 
@@ -50,27 +48,32 @@ def verdict_sentence(study: Study) -> str:
     if study.verdict is Verdict.NOT_TESTABLE:
         return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
     if study.verdict is Verdict.NONE:
-        caveat = "" if study.second_finding is None else ": the held-out capsules do not show what the first half shows"
-        return f"No disagreement was found between the capsules and {model}{caveat}."
+        return f"No disagreement was found between the capsules and {model}."
     disagree = f"The capsules disagree with {model}, and"
     if study.verdict is Verdict.NAMED:
-        named = [step.best for step in study.steps]
+        named = list(study.scores_of(study.in_question[0]))
         return f"{disagree} {_explanation(named)}: {'; '.join(map(size_words, named))}."
     if study.verdict is Verdict.AMBIGUOUS:
-        groups = [[step.scores[name].effect.name for name in step.in_question] for step in study.steps]
-        *others, last = groups
-        last += [ALONE[UNKNOWN]] * study.something_else
-        alike = ", with ".join(map(_listed, [*others, last]))
-        return f"{disagree} more than one effect may explain it: {alike}."
-    if study.by_all:
-        return (
-            f"All capsules together disagree with {model}, but the two halves of them do not confirm each other, so "
-            "that no effect is named."
-        )
-    if study.verification is not None:
-        best = study.scores[study.names[0]]
-        return f"{disagree} nothing that was tried explains it; {best.effect.name} comes nearest."
+        alike = [" with ".join(study.candidates[name].name for name in names) for names in study.in_question]
+        alike += [ALONE[UNKNOWN]] * study.something_else
+        return f"{disagree} more than one explanation is possible: {_listed(alike)}."
+    if not study.candidates:
+        return f"{disagree} no effect was tried."
+    if study.names:
+        nearest = " with ".join(study.candidates[name].name for name in study.names)
+        return f"{disagree} nothing that was tried explains it; {nearest} comes nearest."
     return f"{disagree} nothing that was tried explains it."
+
+
+def _rates(study: Study) -> Iterator[str]:
+    """Say how often a name is wrong in sessions like this one, and how often it is given."""
+    rates = study.calibration
+    if rates is not None and math.isfinite(rates.wrong):
+        wrong = "less than 1" if rates.wrong < _FEW_WRONG else f"{100.0 * rates.wrong:.1g}"
+        yield (
+            f"An effect as visible that is not tried gets a name, a wrong one, in {wrong} % of sessions like this one; "
+            f"of those that are tried, {100.0 * rates.power:.0f} % get theirs."
+        )
 
 
 def _limits(study: Study) -> Iterator[str]:
@@ -88,14 +91,18 @@ def _limits(study: Study) -> Iterator[str]:
 
 
 def _probabilities(study: Study) -> Iterator[str]:
-    """Say the probabilities of the likeliest effect, of something else, and of nothing, if any were compared."""
-    known = study.all_probabilities
+    """Say the probabilities of the likeliest explanation, of something else, and of nothing, if any were compared."""
+    known = study.probabilities
     if known:
-        effects = [name for name in (*study.names[:1], *known) if name in known and name not in ALONE]
-        words = [f"{study.candidates[name].name} {probability_words(known[name])}" for name in effects[:1]]
+        best = next((name for name in known if name not in ALONE), None)
+        words = [] if best is None else [f"{_together(study, best)} {probability_words(known[best])}"]
         words += [f"{ALONE[other]} {probability_words(known[other])}" for other in (UNKNOWN, NOTHING)]
-        which = "all capsules" if study.by_all else "one half of the capsules"
-        yield f"Probabilities by {which}, each effect alone: {', '.join(words)}."
+        yield f"Probabilities: {', '.join(words)}."
+
+
+def _together(study: Study, names: str) -> str:
+    """Name the effects of an explanation, given by the names of their parameters."""
+    return " with ".join(study.candidates[name].name for name in names.split(" and "))
 
 
 def _session_modulus(study: Study) -> Iterator[str]:
@@ -103,30 +110,25 @@ def _session_modulus(study: Study) -> Iterator[str]:
     modulus = study.surface_shear_modulus
     if math.isfinite(modulus.median):
         median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
-        uncertainty = {
-            Verdict.NAMED: "the uncertainty of the effect's size and of the viscosity",
-            Verdict.AMBIGUOUS: "the uncertainty of which effect it is, of its size and of the viscosity",
-        }.get(study.verdict, "what the effects that were tried could do, and the uncertainty of the viscosity")
         interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
-        yield f"Median G_s of the session: {interval}, including {uncertainty}."
+        yield (
+            f"Median G_s of the session: {interval}, averaged over all explanations, with the uncertainty of their "
+            "sizes and of the viscosity."
+        )
+        if study.probabilities.get(UNKNOWN, 0.0) > _NOT_KNOWN:
+            yield (
+                "G_s is not known while what is missing is not: measure what would distinguish the explanations first."
+            )
 
 
-def _modulus_range(study: Study) -> Iterator[str]:
-    """Say how much the median G_s depends on the effect that is assumed, where that is not settled.
-
-    Over all effects in question, or, if none explains it, over the model as it was and all effects that improve it.
-    """
-    if study.verdict is Verdict.AMBIGUOUS:
-        scores = [study.scores[name] for name in study.names]
-    elif study.verdict is Verdict.UNKNOWN:
-        scores = [tried for tried in study.scores.values() if tried.log_likelihood_ratio >= LEAST_RATIO]
-    else:
-        return
-    moduli = [tried.modulus[tried.best] for tried in scores]
-    if study.verdict is Verdict.UNKNOWN and study.first_half is not None:
-        moduli.append(study.first_half.median_modulus)
-    low, high = (_MODULUS.shown(end(moduli)) for end in (np.nanmin, np.nanmax))
-    yield f"Depending on the effect that is assumed, the median G_s is {low:.1f} to {high:.1f}{unit_of(_MODULUS)}."
+def _one_modulus(study: Study) -> Iterator[str]:
+    """Say whether one G_s holds in all circumstances, as the model without effects has it."""
+    p_value = study.finding.one_modulus
+    if math.isfinite(p_value):
+        varied = any(deviation.name == TRENDS["viscosity"] for deviation in study.finding.deviations)
+        where = "velocity, size and viscosity" if varied else "velocity and size"
+        words = "is not the same" if p_value < study.level else "may be the same"
+        yield f"The apparent G_s {words} at every {where}: p-value {p_value_words(p_value)}."
 
 
 def _noise(study: Study) -> Iterator[str]:
@@ -144,9 +146,7 @@ def _noise(study: Study) -> Iterator[str]:
 
 def _outliers(study: Study) -> Iterator[str]:
     """Name the capsules that have no shape of the model."""
-    outliers = () if study.first_half is None else study.first_half.outliers
-    if study.verification is not None:
-        outliers += study.verification.comparisons[0].outliers
+    outliers = () if study.comparison is None else study.comparison.outliers
     if outliers:
         names = ", ".join(outliers)
         yield f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
@@ -186,27 +186,21 @@ def _listed(names: list[str]) -> str:
 def caveats(study: Study) -> Iterator[str]:
     """Yield how to read the table of the effects, one sentence or a few each."""
     yield (
-        "Odds are ratios of likelihoods, averaged over the prior of the size of each effect, before any belief about "
-        "which effect is the more common. They trust the noise; where an effect lags behind the best by odds below "
-        "3000 : 1, the two are distinguished only if the lag also stands out from the scatter between the capsules. "
-        "The size of an effect that was hardly seen is overestimated, near the threshold by some 40 %, because only "
-        "sizes that look large are seen at all."
+        "Probabilities are those before any belief about which effect is the more common; they trust the noise. The "
+        "size of an effect that was hardly seen is overestimated, as only sizes that look large are seen at all."
     )
-    if len(study.steps) > 1:
-        yield (
-            "Of effects that are added together, size, log-likelihood ratio and G_s are those with the other effect "
-            "present, the odds those of each alone."
-        )
+    if any(len(names) > 1 for names in study.in_question):
+        yield "Of effects that act together, size, log-likelihood ratio and G_s are those with the other one present."
     after = None if study.verification is None else study.verification.comparisons[1]
     if after is not None and after.added_up:
         yield (
-            f"At {after.added_up} of {len(after.session)} held-out capsules the effects of the membrane are added up: "
+            f"At {after.added_up} of {len(after.session)} capsules the effects of the membrane are added up: "
             "these lie where no membranes with both were simulated. The sum is only roughly right."
         )
     if study.verdict is Verdict.AMBIGUOUS:
-        best = next((step for step in study.steps if len(step.in_question) > 1), study.steps[0]).best.effect
+        best = study.candidates[study.in_question[0][-1]]
         yield (
-            "These data do not distinguish the effects in question. What would distinguish them: "
+            "These data do not distinguish the explanations in question. What would distinguish them: "
             f"{best.separated_by[0].lower()}{best.separated_by[1:]}"
         )
 
@@ -221,12 +215,9 @@ def origin_words(study: Study) -> str:
     )
 
 
-def question_words(study: Study, name: str) -> str:
-    """Say whether a candidate may be what is missing: yes, no, or that the data allow all of its sizes alike."""
-    if name not in study.all_probabilities or np.ptp(study.scores[name].total) < TWO_SIGMA:
-        return "cannot be tested"
-    explained = study.by_all or study.verdict is not Verdict.UNKNOWN
-    return "yes" if explained and name in study.names else "no"
+def likeliest_words(study: Study) -> str:
+    """Name the effects that are likeliest."""
+    return " and ".join(study.candidates[name].name for name in study.in_question[0])
 
 
 def size_words(scores: Scores, share: str = "68 %: ") -> str:
@@ -235,15 +226,6 @@ def size_words(scores: Scores, share: str = "68 %: ") -> str:
     low, high = map(parameter.shown, scores.interval())
     unit = unit_of(parameter)
     return f"{parameter.symbol} = {parameter.shown(scores.size):.3g}{unit} ({share}{low:.3g} to {high:.3g}{unit})"
-
-
-def odds_words(logarithm: float) -> str:
-    """Return a likelihood ratio of which the logarithm is given, as no more than a thousand to one."""
-    if abs(logarithm) > math.log(_MANY):
-        return f"more than {_MANY:.0f} : 1" if logarithm > 0.0 else f"less than 1 : {_MANY:.0f}"
-    odds = math.exp(abs(logarithm))
-    text = f"{odds:.2g}" if odds < 10.0 else f"{odds:.0f}"
-    return f"{text} : 1" if logarithm >= 0.0 else f"1 : {text}"
 
 
 def probability_words(probability: float) -> str:
@@ -267,6 +249,8 @@ def largest_p_value(finding: Finding) -> str:
 def p_value_words(p_value: float) -> str:
     """Return a probability in per cent."""
     share = 100.0 * p_value
+    if share < _LEAST_SHARE:
+        return f"< {_LEAST_SHARE:g} %"
     return f"{share:.0f} %" if share >= 9.5 else f"{share:.2g} %"
 
 
@@ -277,47 +261,38 @@ def finding_table(finding: Finding) -> pd.DataFrame:
     return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
 
 
-def candidate_table(study: Study) -> pd.DataFrame:
-    """Return odds and size of every candidate, of the model without an effect, and of an effect not in the list."""
-    rows: list[tuple[str, ...]] = []
-    for name, evidence in study.evidence.items():
-        odds = _probability(study, name), Symbols(odds_words(evidence))
+def explanation_table(study: Study, *, every: bool = True) -> tuple[pd.DataFrame, list[str]]:
+    """Return probability, size and G_s of explanations, every one or the likeliest; and the names of the rest."""
+    effects = [name for name in study.probabilities if name not in ALONE]
+    unseen = [name for name in study.scores if name not in study.probabilities]
+    wanted = {*effects[: None if every else _SHOWN], *(" and ".join(names) for names in study.in_question)}
+    rows: list[tuple[str | Symbols, ...]] = []
+    for name, probability in study.probabilities.items():
         if name in ALONE:
-            rows.append((_OTHERS[name], "", *odds, "", "", ""))
-        else:
-            scores = study.scores[name]
-            size, modulus = Symbols(size_words(scores)), _modulus(scores.modulus[scores.best])
-            ratio = f"{scores.log_likelihood_ratio:.1f}"
-            rows.append((_named(study, name), ratio, *odds, size, modulus, question_words(study, name)))
-    head = ["effect", "log-likelihood ratio", "probability", "odds relative to no effect", "size"]
-    head += [Symbols("median G_s"), "candidate?"]
-    return table(head, rows, title="Effects that were tried", numbers=(1,))
-
-
-def likeliest_table(study: Study) -> tuple[pd.DataFrame, list[str]]:
-    """Return probability, size and G_s of the effects in question and of the likeliest others; names of the rest."""
-    effects = [name for name in study.evidence if name in study.scores]
-    shown = {*study.names, *effects[:_SHOWN], *ALONE}
-    rows: list[tuple[str, ...]] = []
-    for name in (name for name in study.evidence if name in shown):
-        probability = _probability(study, name)
-        if name in ALONE:
-            rows.append((ALONE[name], probability, "", ""))
-        else:
-            scores = study.scores[name]
-            modulus = _finite(_MODULUS.shown(scores.modulus[scores.best]), ".1f", "", "no such shape")
-            rows.append((_named(study, name), probability, Symbols(size_words(scores, share="")), modulus))
+            rows.append((ALONE[name], probability_words(probability), "", ""))
+        elif name in wanted:
+            scores = study.scores_of(tuple(name.split(" and ")))
+            rows.append((_named(study, name), probability_words(probability), *_explained(scores)))
+    rows += [(_named(study, name), "cannot be tested", *_explained((study.scores[name],))) for name in unseen if every]
+    rest = [] if every else [_together(study, name) for name in (*effects, *unseen) if name not in wanted]
     head = ("effect", "probability", "size (68 %)", Symbols(f"median G_s,{unit_of(_MODULUS)}"))
-    rest = [study.scores[name].effect.name for name in effects if name not in shown]
-    title = "The likeliest of the effects that were tried" if rest else "Effects that were tried"
+    title = "The likeliest of the explanations that were tried" if rest else "Explanations that were tried"
     return table(head, rows, title=title, numbers=(3,)), rest
+
+
+def _explained(scores: tuple[Scores, ...]) -> tuple[str, str]:
+    """Return the sizes of effects that act together, and the median G_s with them."""
+    modulus = _MODULUS.shown(float(scores[-1].modulus[scores[-1].best]))
+    return Symbols("; ".join(size_words(each, "") for each in scores)), _finite(modulus, ".1f", "", "no such shape")
 
 
 def meaning_table(study: Study) -> pd.DataFrame:
     """Return what each candidate does, and what would distinguish it from the others."""
+    effects = {name: scores.effect for name, scores in study.scores.items()}
+    names = {name: Strong(each.name) if name in study.names else each.name for name, each in effects.items()}
     rows = [
-        (_named(study, name), effect.kind.value, Symbols(effect.changes), Symbols(effect.separated_by))
-        for name, effect in ((name, scores.effect) for name, scores in study.scores.items())
+        (names[name], each.kind.value, Symbols(each.changes), Symbols(each.separated_by))
+        for name, each in effects.items()
     ]
     head = ("effect", "kind", "what it changes", "what would distinguish it")
     return table(head, rows, title="What the effects change")
@@ -340,10 +315,11 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
         ("its p-value (residual p-value)", *map(largest_p_value, findings)),
         ("log score per capsule, over that before", "0", score),
         ("the same, sum of all capsules", "0", f"{float(ratios.sum()):+.1f}"),
-        ("the same of something else, seen in the first half", "", f"{verification.of_something_else:+.1f}"),
+        ("p-value of scores as clear by chance (ranks)", "", p_value_words(verification.p_value)),
         (Symbols("median G_s"), _modulus(before), f"{_modulus(after)} ({100.0 * (after / before - 1.0):+.1f} %)"),
     ]
-    return table((f"{len(ratios)} held-out capsules", "before", "after"), rows, title="Held-out capsules")
+    title = "Capsules predicted with the size that the other half tells"
+    return table((f"{len(ratios)} capsules", "before", "after"), rows, title=title)
 
 
 def limits_table(study: Study) -> pd.DataFrame | None:
@@ -362,17 +338,19 @@ def limits_table(study: Study) -> pd.DataFrame | None:
     return table(head, rows, title="Effects that could hide")
 
 
-def flow_rate_table(verification: Verification) -> pd.DataFrame | None:
-    """Return the median G_s at each flow rate before and after, None where flow rates are not known."""
-    before, after = (compared.modulus_at_flow_rates for compared in verification.comparisons)
-    if not before:
+def flow_rate_table(study: Study) -> pd.DataFrame | None:
+    """Return the median G_s at each flow rate, and after effects are added; None where flow rates are not known."""
+    compared = (study.comparison,) if study.verification is None else study.verification.comparisons
+    medians = [each.modulus_at_flow_rates for each in compared if each is not None]
+    if not medians or not medians[0]:
         return None
     rows = [
-        (with_unit("flow_rate", rate), str(count), _modulus(median), _modulus(after[rate][1]))
-        for rate, (count, median) in before.items()
+        (with_unit("flow_rate", rate), str(count), *(_modulus(each[rate][1]) for each in medians))
+        for rate, (count, _) in medians[0].items()
     ]
-    head = ("flow rate", "capsules", Symbols("median G_s before"), "after")
-    return table(head, rows, title="Held-out capsules by flow rate", numbers=(1, 2, 3))
+    columns = (Symbols("median G_s"),) if len(medians) == 1 else (Symbols("median G_s before"), "after")
+    head = ("flow rate", "capsules", *columns)
+    return table(head, rows, title="Capsules by flow rate", numbers=range(1, len(head)))
 
 
 def _finite(value: float, digits: str, unit: str, otherwise: str) -> str:
@@ -383,14 +361,10 @@ def _modulus(value: float) -> str:
     return with_unit(_MODULUS.name, value, ".1f") or "no such shape"
 
 
-def _probability(study: Study, name: str) -> Symbols:
-    known = study.all_probabilities
-    return Symbols(probability_words(known[name]) if name in known else "cannot be tested")
-
-
-def _named(study: Study, name: str) -> str:
-    effect = study.scores[name].effect.name
-    return Strong(effect) if name in study.names else effect
+def _named(study: Study, names: str) -> str:
+    """Name the effects of an explanation, in bold if it is in question."""
+    words = _together(study, names)
+    return Strong(words) if tuple(names.split(" and ")) in study.in_question else words
 
 
 def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
@@ -404,8 +378,8 @@ def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
         yield finding_table(study.finding)
     if (limits := limits_table(study)) is not None:
         yield limits
-    if study.scores:
-        likeliest, rest = likeliest_table(study)
+    if study.scores and study.verdict is not Verdict.NONE:
+        likeliest, rest = explanation_table(study, every=False)
         yield likeliest
         if rest:
             yield f"Less likely: {', '.join(rest)}."
@@ -415,6 +389,6 @@ def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
             yield f"{effect.name[0].upper()}{effect.name[1:]}: {effect.changes}"
     if study.verification is not None:
         yield held_out_table(study.verification)
-        if (flow_rates := flow_rate_table(study.verification)) is not None:
-            yield flow_rates
+    if (flow_rates := flow_rate_table(study)) is not None:
+        yield flow_rates
     yield origin_words(study)

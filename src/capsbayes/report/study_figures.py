@@ -42,7 +42,7 @@ def candidate_ratios(study: Study) -> Figure:
 
 
 def moduli(verification: Verification) -> Figure:
-    """Draw G_s of each held-out capsule with its error before and after an effect is added, and the medians."""
+    """Draw G_s of each capsule with its error before and after an effect is added, and the medians."""
     figure, ax = new_plot(10.0, 3.8)
     order = np.argsort(verification.comparisons[0].modulus)  # NaN last
     places = np.arange(1, len(order) + 1)
@@ -54,7 +54,7 @@ def moduli(verification: Verification) -> Figure:
         label = f"{when}, median {median:.1f} {_MODULUS.shown_unit}"
         ax.axhline(median, color=colour, linewidth=1.0, linestyle="--")
         ax.errorbar(places + shift, values, errors, label=label, **style)  # type: ignore[arg-type]
-    ax.set(xlabel="held-out capsule, in the order of $G_\\mathrm{s}$ before", ylabel=_MODULUS.axis_label)
+    ax.set(xlabel="capsule, in the order of $G_\\mathrm{s}$ before", ylabel=_MODULUS.axis_label)
     ax.set_xlim(0.4, len(order) + 0.6)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(frameon=False, loc="upper left")
@@ -189,7 +189,7 @@ def chosen_capsules(verification: Verification) -> tuple[int, ...]:
 
 
 def held_out(verification: Verification) -> Figure:
-    """Draw the outlines of a few held-out capsules, their normal distances, and the mean of the distances of all."""
+    """Draw the outlines of a few capsules, their normal distances, and the mean of the distances of all."""
     rows = chosen_capsules(verification)
     figure = new_figure(10.0, 8.6)
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(2.3, 1.0))[:, 0]
@@ -207,7 +207,7 @@ def held_out(verification: Verification) -> Figure:
 
 
 def _mean(ax: Axes, verification: Verification) -> None:
-    """Mean over all held-out capsules, in which the noise is small."""
+    """Mean over all capsules, in which the noise is small."""
     ax.axhline(0.0, color=WALL, linewidth=0.8)
     for compared, colour, style, when in zip(
         verification.comparisons, (ACCENT, INK), ("--", "-"), ("before", "after"), strict=True
@@ -217,7 +217,7 @@ def _mean(ax: Axes, verification: Verification) -> None:
             share = arc_share(along.outline)
             mean, error = 1e6 * along.displacement, 1e6 * along.error
             ax.fill_between(share, mean - error, mean + error, color=colour, alpha=0.2, linewidth=0)
-            ax.plot(share, mean, style, color=colour, label=f"{when}, mean of all held-out capsules ± standard error")
+            ax.plot(share, mean, style, color=colour, label=f"{when}, mean of all capsules ± standard error")
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]", ylabel="mean residual [µm]")
     ax.margins(y=0.25)
     ax.legend(frameon=False, ncols=2, fontsize=9, loc="upper center")

@@ -49,45 +49,51 @@ def square_database():
     return Database.open("square-neo-hookean")
 
 
-def outcome(cell, verdict, *steps, something_else=False):
-    steps = [SimpleNamespace(in_question=names) for names in steps]
-    return outcome_of(cell, SimpleNamespace(verdict=verdict, steps=steps, something_else=something_else))
+def outcome(cell, verdict, *explanations, something_else=False):
+    return outcome_of(cell, SimpleNamespace(verdict=verdict, in_question=explanations, something_else=something_else))
 
 
 def test_outcomes_are_right_or_wrong_by_the_truth():
-    for cell, verdict, steps, expected in (
+    one = {name: (name,) for name in ("halo", "bending", "exposure", "taper", "swelling")}
+    both, other = ("bending", "halo"), ("halo", "rest_aspect")
+    for cell, verdict, explanations, expected in (
         (HALO, Verdict.NONE, (), "none"),
         (HALO, Verdict.NOT_TESTABLE, (), "none"),
-        (HALO, Verdict.NAMED, (("halo",),), "right"),
-        (HALO, Verdict.NAMED, (("bending",),), "wrong"),
-        (HALO, Verdict.NAMED, (("halo",), ("bending",)), "wrong"),
-        (HALO, Verdict.AMBIGUOUS, (("bending", "halo"),), "small set"),
-        (HALO, Verdict.AMBIGUOUS, (("bending", "halo", "exposure", "taper"),), "large set"),
-        (HALO, Verdict.AMBIGUOUS, (("bending", "exposure"),), "wrong"),
-        (HALO, Verdict.UNKNOWN, (("halo",),), "unknown"),
-        (BOTH, Verdict.NAMED, (("halo",), ("bending",)), "right"),
-        (BOTH, Verdict.AMBIGUOUS, (("halo", "swelling"), ("bending",)), "small set"),
-        (BOTH, Verdict.NAMED, (("halo",), ("rest_aspect",)), "wrong"),
-        (BOTH, Verdict.NAMED, (("halo",),), "part"),
-        (BOTH, Verdict.AMBIGUOUS, (("halo", "taper"), ("halo", "swelling")), "part"),
-        (PATTERN, Verdict.NAMED, (("bending",),), "wrong"),
-        (PATTERN, Verdict.AMBIGUOUS, (("bending", "exposure"),), "small set"),
+        (HALO, Verdict.NAMED, (one["halo"],), "right"),
+        (HALO, Verdict.NAMED, (one["bending"],), "wrong"),
+        (HALO, Verdict.NAMED, (both,), "wrong"),
+        (HALO, Verdict.AMBIGUOUS, (one["bending"], one["halo"]), "small set"),
+        (HALO, Verdict.AMBIGUOUS, tuple(one.values()), "large set"),
+        (HALO, Verdict.AMBIGUOUS, (one["bending"], one["exposure"]), "wrong"),
+        (HALO, Verdict.UNKNOWN, (), "unknown"),
+        (BOTH, Verdict.NAMED, (both,), "right"),
+        (BOTH, Verdict.AMBIGUOUS, (other, both), "small set"),
+        (BOTH, Verdict.NAMED, (other,), "wrong"),
+        (PATTERN, Verdict.NAMED, (one["bending"],), "wrong"),
+        (PATTERN, Verdict.AMBIGUOUS, (one["bending"], one["exposure"]), "wrong"),
         (PATTERN, Verdict.UNKNOWN, (), "unknown"),
-        (NOTHING_HIDDEN, Verdict.AMBIGUOUS, (("bending", "halo"),), "wrong"),
+        (NOTHING_HIDDEN, Verdict.AMBIGUOUS, (one["bending"],), "wrong"),
         (NOTHING_HIDDEN, Verdict.NONE, (), "none"),
     ):
-        assert outcome(cell, verdict, *steps) == expected, (cell.name, verdict, steps)
-    few = ("bending", "halo", "exposure")
-    assert outcome(HALO, Verdict.AMBIGUOUS, few, something_else=True) == "large set"
+        assert outcome(cell, verdict, *explanations) == expected, (cell.name, verdict, explanations)
+    few = one["bending"], one["halo"], one["exposure"]
+    for cell, explanations, expected in (
+        (HALO, few, "large set"),
+        (HALO, few[:1], "elsewhere"),
+        (BOTH, few[:1], "part"),
+        (PATTERN, few[:1], "small set"),
+        (NOTHING_HIDDEN, few[:1], "wrong"),
+    ):
+        assert outcome(cell, Verdict.AMBIGUOUS, *explanations, something_else=True) == expected
 
 
 def test_the_log_score_is_that_of_what_was_hidden():
-    study = SimpleNamespace(all_probabilities={"halo": 0.5, NOTHING: 0.25, UNKNOWN: 0.125})
+    study = SimpleNamespace(probabilities={"halo": 0.5, NOTHING: 0.25, UNKNOWN: 0.125})
     assert log_score(HALO, study) == pytest.approx(np.log(0.5))
     assert log_score(NOTHING_HIDDEN, study) == pytest.approx(np.log(0.25))
     assert log_score(PATTERN, study) == pytest.approx(np.log(0.125))
     assert np.isnan(log_score(BOTH, study))
-    assert np.isnan(log_score(HALO, SimpleNamespace(all_probabilities={})))
+    assert np.isnan(log_score(HALO, SimpleNamespace(probabilities={})))
 
 
 def test_cells_have_true_effects_and_names_of_their_own():
@@ -162,7 +168,7 @@ def test_the_page_counts_what_was_required():
         "| clear sizes named, or in a set of at most 3: at least 90 % | 9 of 10, 90.0% [",
         "| named, though not in the catalogue: at most 2 % | 0 of 8, 0.0% [",
         "| 95 % intervals of the size hold it: 93% to 97% | 9 of 9, 100.0% [",
-        "| halo, clear | 10 | 0 | 8 | 1 | 0 | 0 | 0 | 1 | -0.10 | 2.0% | 20.0% | 9 of 10 | 9 of 9 |",
+        "| halo, clear | 10 | 0 | 8 | 1 | 0 | 0 | 0 | 0 | 1 | -0.10 | 2.0% | 20.0% | 9 of 10 | 9 of 9 |",
     ):
         assert row in page
     complete = exam_page([NOTHING_HIDDEN], {"development": {"nothing": answers["nothing"]}, "locked": {}})
