@@ -11,13 +11,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capsbayes import MeasuredOutline, Measurement
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.infer import Membrane
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import SharedMembrane, capsules_of, identify_membrane
@@ -45,7 +46,6 @@ QUANTITIES = {
     **{name: membrane_coverage.QUANTITIES[name] for name in FREE_PARAMETERS[2:]},
     "surface_shear_modulus_each": "G_s of each",
 }
-PREDICTED = {"axial_extent": "L_z", "axial_length": "L_a", "capsule_velocity": "v_o"}
 INFLATED = {name: PARAMETERS[name].label for name in ("pre_inflation", "inflation_spread", "surface_shear_modulus")}
 OF_MESHES = {name: PARAMETERS[name].label for name in ("surface_shear_modulus", *FREE_PARAMETERS[2:])}
 READINGS = {"one": False, "varying": True}
@@ -54,7 +54,6 @@ MEMBRANES = {
     "neo-Hookean": Membrane("neo-Hookean", pre_inflation=0.0, bending=NULL_VALUES[-1]),
 }
 CHOSEN_ON = 14  # batches at which the method was tried while it was made
-ROOM = 4  # draws of a capsule's own properties for each draw of the membrane
 
 
 class Session:
@@ -63,7 +62,7 @@ class Session:
     def __init__(self, pool: dict[str, Floats], number: int, kind: str, noise: int = 0) -> None:
         rows = np.flatnonzero(pool["batch"] == number)
         of_batch = {key: pool[key][rows] for key in ("values", "numbers", "profile", "relative_modulus", "flow_factor")}
-        self.kind, self.flow = kind, pool["flow"][rows].astype(int)
+        self.kind = kind
         self.rng = np.random.default_rng([11, number, noise] if noise else [11, number])
         self.viscosity, self.width = (self.rng.normal(*known) for known in (VISCOSITY, HALF_WIDTH))
         self.speeds = VELOCITY[0] * of_batch["flow_factor"]
@@ -87,17 +86,16 @@ class Session:
         seen = noisy if self.kind == "outline" else None
         return stated(lengths, velocity, error, seen, flow_rate=rate, flow_rate_error=PUMP * rate)
 
-    def found(self, membrane: str, rows: Booleans) -> SharedMembrane:
-        """Return the membrane that some of the capsules tell."""
-        chosen = [measurement for measurement, taken in zip(self.measurements, rows, strict=True) if taken]
-        known = MEMBRANES[membrane]
-        return identify_membrane(chosen, membrane_coverage.experiment(), seed=1, membrane=known, laws=False)
+    def found(self, membrane: str) -> SharedMembrane:
+        """Return the membrane that the capsules tell."""
+        how = {"seed": 1, "membrane": MEMBRANES[membrane], "laws": False}
+        return identify_membrane(self.measurements, membrane_coverage.experiment(), **how)
 
 
 def coverage(session: Session, membrane: str) -> dict[str, Any]:
     """Return how many intervals there are of each quantity and level, and how many of them hold the truth."""
     begin = time.process_time()
-    found = session.found(membrane, np.ones(len(session.flow), dtype=bool))
+    found = session.found(membrane)
     counts: dict[str, Any] = {"status": found.status.name}
     for name in QUANTITIES:
         if name in found.draws and np.ptp(found.draws[name]) > 0.0:
@@ -105,45 +103,6 @@ def coverage(session: Session, membrane: str) -> dict[str, Any]:
             counts |= held(name, [Marginal.of_draws(column) for column in columns], np.atleast_1d(session.truth[name]))
     log_moduli = np.log(found.draws["surface_shear_modulus"])
     return counts | {"log_modulus_sd": float(log_moduli.std()), "seconds": time.process_time() - begin}
-
-
-def transfer(session: Session, membrane: str, left_out: int) -> dict[str, Any]:
-    """Return the same of what is predicted of the capsules at one flow rate from those at the others."""
-    away = session.flow == left_out
-    found = session.found(membrane, ~away)
-    predicted = predictions(found, session, float(session.speeds[away][0]))
-    counts: dict[str, Any] = {"status": found.status.name}
-    for name, draws in predicted.items():
-        seen = np.array([getattr(m, name) for m, out in zip(session.measurements, away, strict=True) if out])
-        counts |= held(name, [Marginal.of_draws(draws)] * len(seen), seen)
-    return counts
-
-
-def predictions(found: SharedMembrane, session: Session, speed: float) -> dict[str, Floats]:
-    """Return draws of what is measured of capsules of the population at a mean velocity that the pump tells."""
-    rng, draws = np.random.default_rng(3), {name: np.repeat(found.draws[name], ROOM) for name in _OF_THE_POPULATION}
-    count = len(draws["surface_shear_modulus"])
-    moduli = draws["surface_shear_modulus"] * np.exp(draws["modulus_spread"] * rng.standard_normal(count))
-    radii = draws["capsule_radius"] * (1.0 + draws["radius_spread"] * rng.standard_normal(count))
-    speeds = speed * (1.0 + PUMP * rng.standard_normal(count))
-    (viscosity, viscosity_error), (width, _) = VISCOSITY, HALF_WIDTH
-    drawn = viscosity + viscosity_error * rng.standard_normal(count)
-    theta = {name: draws[name] for name in FREE_PARAMETERS[2:]}
-    theta |= {"capillary_number": drawn * speeds / moduli, "size_ratio": radii / width}
-    seen = membrane_coverage.model("unknown")(theta)
-    noise = rng.standard_normal((3, count))
-    each = {
-        "axial_extent": seen.axial_extent + LENGTH_ERROR * noise[0],
-        "axial_length": seen.axial_length + LENGTH_ERROR * noise[1],
-        "capsule_velocity": speeds * seen.velocity_ratio * (1.0 + VELOCITY[1] * noise[2]),
-    }
-    return {name: values[seen.inside] for name, values in each.items()}
-
-
-_OF_THE_POPULATION = (
-    *("surface_shear_modulus", "modulus_spread", "capsule_radius", "radius_spread"),
-    *FREE_PARAMETERS[2:],
-)
 
 
 def held(name: str, marginals: list[Marginal], truth: Floats) -> dict[str, int]:
@@ -210,14 +169,12 @@ def tail() -> float:
 
 
 def run(folder: Path, kind: str, count: int) -> None:
-    """Identify the first batches that the folder lacks, all of each and then without one flow rate."""
+    """Identify the first batches that the folder lacks."""
     pool, store = membrane_pools.stored("batches"), store_of(folder)
     for number in np.unique(pool["batch"]).astype(int)[:count].tolist():
-        session, left_out = Session(pool, number, kind), number % len(membrane_pools.FLOW_RATES)
-        for membrane in MEMBRANES:
-            tasks = {"coverage": partial(coverage, session, membrane)}
-            tasks["transfer"] = partial(transfer, session, membrane, left_out)
-            complete(store, ((f"{kind}-{membrane}-{name}-{number:02d}", task) for name, task in tasks.items()))
+        session = Session(pool, number, kind)
+        tasks = {f"{kind}-{membrane}-coverage-{number:02d}": membrane for membrane in MEMBRANES}
+        complete(store, ((name, partial(coverage, session, membrane)) for name, membrane in tasks.items()))
 
 
 def run_inflated(folder: Path) -> None:
@@ -249,16 +206,18 @@ def store_of(folder: Path) -> Store:
 
 def counted(folder: Path) -> dict[str, Any]:
     """Return counts and medians of what a folder holds, by table, and by kind and membrane."""
-    store, counts = store_of(folder), {"coverage": {}, "transfer": {}}
-    for what, rows in counts.items():
-        for kind in membrane_coverage.KINDS:
-            for membrane in MEMBRANES:
-                names = sorted(store.names(f"{kind}-{membrane}-{what}-*"))
-                parts = [part for name in names if (part := store.load(name)) is not None]
-                if parts:
-                    rows[f"{kind}, {membrane}"] = counts_of(parts)
-                if what == "coverage" and membrane == "unknown" and len(parts) > CHOSEN_ON:
-                    rows[f"{kind}, unknown (batches {CHOSEN_ON + 1} on)"] = counts_of(parts[CHOSEN_ON:])
+    store, rows = store_of(folder), {}
+    fine = {f"{number:02d}" for number in membrane_pools.numbers_of("batches")[membrane_pools.FINE]}
+    for kind, membrane in product(membrane_coverage.KINDS, MEMBRANES):
+        names = sorted(store.names(f"{kind}-{membrane}-coverage-*"))
+        parts = [part for name in names if (part := store.load(name)) is not None]
+        if parts:
+            rows[f"{kind}, {membrane}"] = counts_of(parts)
+        if membrane == "unknown" and len(parts) > CHOSEN_ON:
+            rows[f"{kind}, unknown (batches {CHOSEN_ON + 1} on)"] = counts_of(parts[CHOSEN_ON:])
+            of_fine = [part for name, part in zip(names, parts, strict=True) if name[-2:] in fine]
+            rows[f"{kind}, unknown (refinement {membrane_pools.FINE})"] = counts_of(of_fine)
+    counts: dict[str, Any] = {"coverage": rows}
     names = sorted(store.names("inflated-*"))
     counts["inflated"] = {str(number + 1): store.load(name) for number, name in enumerate(names)}
     of_meshes = sorted(store.names("meshes-*"))
@@ -273,16 +232,13 @@ def counts_of(parts: list[dict[str, Any]]) -> dict[str, Any]:
     for key in parts[0]:
         if key not in ("status", "seconds", "log_modulus_sd"):
             counts[key] = sum(part.get(key, 0) for part in parts)
-    if "log_modulus_sd" in parts[0]:
-        counts["log_modulus_sd"] = float(f"{np.median([part['log_modulus_sd'] for part in parts]):.2g}")
-    return counts
+    return counts | {"log_modulus_sd": float(f"{np.median([part['log_modulus_sd'] for part in parts]):.2g}")}
 
 
 def tables(counts: dict[str, Any]) -> dict[str, str]:
     """Return the tables by the marks of the page."""
     shown = {
-        "batches": _table(counts["coverage"], QUANTITIES),
-        "transfer": _table(counts["transfer"], PREDICTED),
+        "batches": _table(counts["coverage"]),
         "inflated": table(("batch", "read as of", *INFLATED.values()), _inflated_rows(counts["inflated"])),
     }
     if counts.get("meshes"):
@@ -291,16 +247,14 @@ def tables(counts: dict[str, Any]) -> dict[str, str]:
     return shown
 
 
-def _table(rows: dict[str, dict[str, Any]], quantities: dict[str, str]) -> str:
+def _table(rows: dict[str, dict[str, Any]]) -> str:
     """Return counts as a table."""
-    of_modulus = "surface_shear_modulus" in quantities
-    head = ["measured", "membrane", "batches", "not to be used", *quantities.values()]
-    head += ["sd of ln mean G_s, median"] if of_modulus else []
     lines = []
     for name, counts in rows.items():
         cells = [*name.split(", "), str(counts["batches"]), str(counts["not to be used"])]
-        cells += [covered(counts, name, counts[name]) if counts.get(name) else "" for name in quantities]
-        lines.append(cells + ([f"{counts['log_modulus_sd']:.2g}"] if of_modulus else []))
+        cells += [covered(counts, each, counts[each]) if counts.get(each) else "" for each in QUANTITIES]
+        lines.append([*cells, f"{counts['log_modulus_sd']:.2g}"])
+    head = ("measured", "membrane", "batches", "not to be used", *QUANTITIES.values(), "sd of ln mean G_s, median")
     return table(head, lines)
 
 

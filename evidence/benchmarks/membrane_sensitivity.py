@@ -39,7 +39,7 @@ USABLE = "DONE", "LEANS_ON_BORDER"
 def found(pool: dict[str, Floats], number: int, kind: str, noise: int) -> dict[str, Any]:
     """Return the standard deviations that the answer to one batch states, and its status."""
     session = Session(pool, number, kind, noise)
-    answer = session.found("unknown", np.ones(len(session.flow), dtype=bool))
+    answer = session.found("unknown")
     logarithmic = "surface_shear_modulus", *LOGARITHMIC
     draws = {name: answer.draws[name] for name in QUANTITIES}
     sds = {name: float(np.std(np.log(values) if name in logarithmic else values)) for name, values in draws.items()}

@@ -299,16 +299,27 @@ def test_the_guides_state_the_stored_counts():
     hooke, other, rubber, ogden = (counts["others"][f"outline, {law}"] for law in membrane_pools.OTHER_LAWS)
     assert f"for {share(rubber)} and {share(ogden)} of those".replace(".0", "") in guide
     assert f"for {share(rubber)} of 20 of Mooney and Rivlin and for {share(ogden)} of 20".replace(".0", "") in limits
-    for page in (guide, limits):
-        assert f"for {share(hooke).replace('.0', '')} of {used(hooke)} Hooke capsules" in page
-        assert f"for {share(other).replace('.0', '')} of {used(other)} of Evans and Skalak" in page
+    for each in (guide, limits):
+        assert f"for {share(hooke).replace('.0', '')} of {used(hooke)} Hooke capsules" in each
+        assert f"for {share(other).replace('.0', '')} of {used(other)} of Evans and Skalak" in each
         of_all = batches["outline, unknown"]
-        assert f"in {of_all['surface_shear_modulus 95']} of {of_all['surface_shear_modulus']} batches" in page
-    later = batches[f"outline, unknown (batches {membrane_batches.CHOSEN_ON + 1} on)"]
-    assert f"in {later['surface_shear_modulus 95']} of {later['surface_shear_modulus']} that were drawn after" in guide
+        assert f"in {of_all['surface_shear_modulus 95']} of {of_all['surface_shear_modulus']} batches" in each
+    of_lengths = batches["lengths, unknown"]
+    assert f"in {of_lengths['surface_shear_modulus 95']} of {of_lengths['batches']} measured by lengths" in guide
     assert f"deviation of ln G_s is {of_all['log_modulus_sd']:.2g}" in guide
-    each = of_all["surface_shear_modulus_each 95"] / of_all["surface_shear_modulus_each"]
-    assert f"of single capsules for {each:.1%}".replace("%", " %") in guide
+    one = of_all["surface_shear_modulus_each 95"] / of_all["surface_shear_modulus_each"]
+    assert f"of single capsules for {one:.1%}".replace("%", " %") in guide
+    missed = set()
+    for kind in ("outline", "lengths"):
+        row = batches[f"{kind}, unknown"]
+        for name in (f"{quantity} {level}" for quantity in membrane_batches.QUANTITIES for level in (68, 95)):
+            of = row[name[:-3]]
+            ends = stats.binomtest(row[name], of).proportion_ci()
+            if ends.high < int(name[-2:]) / 100:
+                missed.add((kind, name))
+                assert f"{row[name]} of {of}" in page
+    of_outlines = {("outline", f"{name} 95") for name in ("pre_inflation", "surface_shear_modulus_each")}
+    assert missed == {*of_outlines, ("lengths", "area_dilation_modulus 95")}
 
 
 def test_the_guide_to_planning_states_what_one_capsule_tells():
