@@ -471,7 +471,7 @@ ROWS = {
         "a steady shape, simulated from the nearest stored state, refinement 8", 0.5, simulated_from_the_nearest(8)
     ),
     "simulated, 12": Timed("the same at refinement 12", 1.2, simulated_from_the_nearest(12)),
-    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 60.0, writing("diagnose", SESSION, runs=1)),
+    "diagnose": Timed("`capsbayes diagnose`, 40 capsules with outlines", 45.0, writing("diagnose", SESSION, runs=1)),
 }
 
 if __name__ == "__main__":
