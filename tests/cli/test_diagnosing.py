@@ -77,6 +77,17 @@ def test_candidates_are_tried_at_another_level(diagnose):
     assert "delta =" in printed
 
 
+def test_one_modulus_is_asked_without_any_effect(diagnose, capsbayes):
+    printed = diagnose("set", "--invariance")
+    assert "The apparent G_s may be the same at every velocity and size: p-value" in printed
+    assert "Explanations" not in printed
+    for words in (("--candidates", "halo"), ("--measured", "halo=0.3 +/- 0.1 um")):
+        status, _, error = capsbayes("diagnose", "set", "--invariance", *words)
+        assert status == 2
+        refusal = "--invariance: expected no --candidates, --effects or --measured beside it: no effect is tried"
+        assert f"{refusal}, got {words[1]}" in " ".join(error.split())
+
+
 def test_a_table_with_an_experiment_and_what_is_left_out(diagnose, model):
     table = Path("twelve.csv")
     drawn_session(model, 12, seed=7)[0].write(table)

@@ -92,7 +92,7 @@ def test_two_effects_of_the_membrane_are_found_far_from_where_one_alone_is_likel
     assert second.size < 0.6
     found = score_jointly(model, first, second, session, white, alone, {})[:2]
     for scores in found:
-        low, high = scores.interval(4.5)  # three standard errors: one draw lies outside of two in one of twenty
+        low, high = scores.interval(1.92)
         assert low < truth[scores.effect.parameter.name] < high
     modulus, due = float(found[1].modulus[found[1].best]), float(np.exp(np.median(known["log_modulus"])))
     assert abs(np.log(modulus / due)) < 0.1 < np.log(float(second.modulus[second.best]) / due)

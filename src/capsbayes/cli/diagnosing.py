@@ -67,8 +67,9 @@ def diagnose(
     from capsbayes.report.study import study_parts
     from capsbayes.run import progress_bar, resumable
 
-    if invariance and candidates is not None:
-        raise InputError("diagnose", "--invariance", "no --candidates beside it", repr(candidates))
+    if invariance and (of_effects := [each for each in (candidates, effects, *(measured or [])) if each is not None]):
+        expected = "no --candidates, --effects or --measured beside it: no effect is tried"
+        raise InputError("diagnose", "--invariance", expected, ", ".join(map(str, of_effects)))
     session = cb.Session.read(capsules, experiment)
     cross_section = session.experiment.cross_section
     known, model = cb.effects.catalogue(cross_section), named_model(database, cross_section, _view(session))

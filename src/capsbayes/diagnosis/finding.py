@@ -499,8 +499,7 @@ def _of_regions(session: Session, white: Whitening, fits: Fits) -> list[_Test]:
     rows: list[tuple[Floats, Floats, Floats]] = []
     for row, seen in white.outlines(fits.settled):
         whole = seen.likelihood.whitened_displacement(region_displacements(seen.likelihood.pilot))
-        basis = np.linalg.qr(fits.slopes[row])[0]
-        pattern = whole - (whole @ basis) @ basis.T
+        pattern = fits.left_of(row, whole)
         own = np.linalg.norm(pattern @ seen.common_errors().T, axis=1)
         rows.append((pattern @ fits.residuals[row], np.sum(pattern**2, axis=1), own))
     if not rows:
@@ -515,8 +514,7 @@ def _of_trends(session: Session, fits: Fits, done: Integers, own: Floats) -> lis
     if not len(done):
         return []
     velocity, viscosity = (np.log(session.circumstances[name][done]) for name in ("capsule_velocity", "viscosity"))
-    order = np.linspace(0.0, 1.0, len(fits.size))[done]
-    columns = {"velocity": velocity, "size": fits.size[done], "viscosity": viscosity, "order": order}
+    columns = {"velocity": velocity, "size": fits.size[done], "viscosity": viscosity, "order": session.order[done]}
     together = {"velocity": np.square(session.velocity_errors[done]), "size": fits.covariance[done, 0, 1]}
     columns = {name: values for name, values in columns.items() if np.ptp(values) > 1e-3}
     if len(done) <= _FEWEST + len(columns):

@@ -100,6 +100,15 @@ class Fits:
         """Sum of the squared residuals of each capsule : (n,) array."""
         return np.array([residual @ residual for residual in self.residuals])
 
+    def absorbed(self, row: int) -> Floats:
+        """Return an orthonormal basis (m, 2) of the residuals of a capsule that Ca and a/l absorb."""
+        return np.linalg.qr(self.slopes[row])[0]
+
+    def left_of(self, row: int, changes: Floats) -> Floats:
+        """Return what Ca and a/l leave of changes (..., m) of the residuals of a capsule."""
+        basis = self.absorbed(row)
+        return np.asarray(changes - (changes @ basis) @ basis.T)
+
     @property
     def median_modulus(self) -> float:
         """Median of the apparent G_s [N/m] of the settled capsules; NaN if none is."""
@@ -222,8 +231,8 @@ class Trend:
         velocity = np.log(session.circumstances["capsule_velocity"])
         shared = np.stack([np.square(session.velocity_errors), fits.covariance[:, 0, 1]], axis=1)
         places = np.stack([velocity, fits.size], axis=1)
-        order = np.linspace(0.0, 1.0, len(done))
-        return cls(places[done], fits.log_modulus[done], fits.covariance[done, 0, 0], shared[done], order[done])
+        columns = places, fits.log_modulus, fits.covariance[:, 0, 0], shared, session.order
+        return cls(*(column[done] for column in columns))
 
     @property
     def evidence(self) -> float:

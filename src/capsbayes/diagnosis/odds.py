@@ -46,13 +46,9 @@ class Change(NamedTuple):
         left: dict[int, Floats] = {}
         common: dict[int, Floats] = {}
         for row, whitener in white.outlines(without.settled & fits.settled):
-            basis = np.linalg.qr(fits.slopes[row])[0]
-            for kept, numbers in (
-                (seen, without.residuals[row] - fits.residuals[row]),
-                (left, fits.residuals[row]),
-                (common, whitener.common_errors()),
-            ):
-                kept[row] = numbers - (numbers @ basis) @ basis.T
+            seen[row] = fits.left_of(row, without.residuals[row] - fits.residuals[row])
+            left[row] = fits.left_of(row, fits.residuals[row])
+            common[row] = fits.left_of(row, whitener.common_errors())
         return cls(seen, left, common)
 
     @property
@@ -315,7 +311,7 @@ class _Drawn:
             units=own,
             growing=np.array(growing),
             alike=np.abs(own @ own.T) > _ALIKE,
-            bases=tuple(np.linalg.qr(without.slopes[row])[0] for row in rows),
+            bases=tuple(map(without.absorbed, rows)),
             modes=tuple(left_of_modes(outlines[row], without, row) for row in rows),
             something_else=something_else.taken([places[row] for row in rows]),
         )

@@ -72,7 +72,7 @@ def _spectrum(length: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """What n capsules with outlines, and the G_s of those that have a shape, say of something else; halves add up."""
+    """What n capsules with outlines, and the G_s of those that have a shape, say of something else."""
 
     # `information` (n, q, q) is that of the amplitudes of the `displacement_modes` [1/l^2], after Ca and a/l have
     # absorbed what they can; `shift` (n, q) is the information times the likeliest amplitudes.
@@ -163,7 +163,7 @@ class Discrepancy:
         """Return the mean log evidence (N,) of the model's own error with displacements and distortions."""
         logs, lengths = [], list(product(_ARC, kinds))
         for features in self._dependences():
-            information, _ = self._summed(features)
+            information = self._summed(features)
             summed = np.einsum("na,nqN->aqN", features, shifts).reshape(len(information), -1)
             each = (np.tile(self._variances(length, kind), features.shape[1]) for length, kind in lengths)
             logs += [log_evidences(information, summed, variances) for variances in each]
@@ -194,11 +194,11 @@ class Discrepancy:
         further = smooth_features(self.places, np.array(_PLACE)), standardised(self.speed)[:, None]
         return same, *(np.hstack([_SHARED**0.5 * same, (1.0 - _SHARED) ** 0.5 * each]) for each in further)
 
-    def _summed(self, features: Floats) -> tuple[Floats, Floats]:
-        """Return information (r q, r q) and shift (r q,) of the amplitudes of all modes along all features."""
+    def _summed(self, features: Floats) -> Floats:
+        """Return the information (r q, r q) on the amplitudes of all modes along all features."""
         size = features.shape[1] * _COUNT
         information = np.einsum("na,nb,nij->aibj", features, features, self.information, optimize=True)
-        return information.reshape(size, size), (features.T @ self.shift).reshape(size)
+        return np.asarray(information.reshape(size, size))
 
 
 _NOTHING_ELSE = [(0.0, 0.0)]
@@ -214,9 +214,8 @@ def standardised(values: Floats, weights: Floats | None = None) -> Floats:
 
 def left_of_modes(whitener: OfOutline, fits: Fits, row: int) -> Floats:
     """Return the whitened displacement modes (q, m) of a capsule once Ca and a/l absorb what they can."""
-    whole = whitener.likelihood.whitened_displacement(displacement_modes(whitener.likelihood.pilot))
-    basis = np.linalg.qr(fits.slopes[row])[0]
-    return np.asarray(whole - (whole @ basis) @ basis.T)
+    likelihood = whitener.likelihood
+    return fits.left_of(row, likelihood.whitened_displacement(displacement_modes(likelihood.pilot)))
 
 
 def _own_error(seen: OfOutline) -> float:

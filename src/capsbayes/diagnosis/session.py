@@ -152,6 +152,11 @@ class Session:
             [measurement.capsule_velocity_error / measurement.capsule_velocity for measurement in self.measurements]
         )
 
+    @property
+    def order(self) -> Floats:
+        """Places of the capsules in the session, from 0 to 1 : (n,) array."""
+        return np.linspace(0.0, 1.0, len(self.measurements))
+
     def mean(self, name: str) -> float:
         """Return the mean of the half width [m] or of the viscosity [Pa s] over the capsules."""
         return float(self.circumstances[name].mean())
