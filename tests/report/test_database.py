@@ -172,6 +172,12 @@ def test_the_surface_holds_the_cases_of_both_branches(database, figures):
     points = np.hstack([one.get_data_3d() for one in ax.lines])
     assert as_set(points.T) == cases_of(database.converged, slice(None), NAMES)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["parachute", "convex"]
+    figures["velocity-surface"].draw_without_rendering()
+    assert len(ax.collections) == 2
+    for surface in ax.collections:  # faces of unlike numbers of corners are drawn through memory that nothing filled
+        corners = np.ma.array([path.vertices for path in surface.get_paths()])
+        assert corners.shape == (24 * 24, 5, 2)
+        assert np.isfinite(corners).all()
 
 
 def test_the_table_of_shapes_draws_profiles_between_the_walls(database, figures):

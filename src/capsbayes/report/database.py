@@ -295,7 +295,9 @@ def velocity_surface_figure(surrogate: Surrogate) -> Figure:
     ax: Any = figure.add_axes((0.0, 0.02, 0.94, 0.92), projection="3d", computed_zorder=False)
     look = {"color": FILL, "edgecolor": PALE, "linewidth": 0.3, "shade": False}
     for region in surrogate.domain.regions:
-        ax.plot_surface(*_surface(surrogate, region, "velocity_ratio"), rcount=24, ccount=24, **look)
+        surface = _surface(surrogate, region, "velocity_ratio")
+        some = np.ix_(*[np.linspace(0, n - 1, 25).astype(int) for n in surface[0].shape])  # four-sided faces alone
+        ax.plot_surface(*[values[some] for values in surface], rstride=1, cstride=1, **look)
     kinds = _kinds_of_case(database)
     names = ("capillary_number", "size_ratio", "velocity_ratio")
     for name, marker in _BRANCH_STYLES.items():
