@@ -5,8 +5,15 @@ import pytest
 
 from capsbayes.errors import InputError
 from capsbayes.membrane_database import THICK, MembraneDatabase, covered
-from capsbayes.physics.scattered import membrane_continuation, nearest_state, refined_states, with_mesh_errors
-from evidence.rebuild import MembraneRecipe, build_membranes, membrane_places, spread_points
+from capsbayes.physics.scattered import membrane_continuation, nearest_state
+from evidence.rebuild import (
+    MembraneRecipe,
+    build_membranes,
+    membrane_places,
+    refined_states,
+    spread_points,
+    with_mesh_errors,
+)
 
 
 def test_places_lie_where_states_are_sought():

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
@@ -48,7 +47,6 @@ _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
 _ITERATIONS, _PATIENCE = 8, 4
 _SMOOTH = 13  # degree on the sphere up to which a stored shape is taken as it is
-_SAME = 1e-9  # distance of parameters over their ranges, within which states are the same
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
 
 NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
@@ -259,7 +257,7 @@ def scattered_states(
     store = Store.open(folder, continuation.settings)
     first = min(groups, len(places))
     with only_run(Path(folder)), keeping(Path(folder)):
-        count = partial(_ended, store, places)
+        count = partial(ended, store, places)
         with progress_bar(len(places), "states", show=progress, count=count):
             seeds = [state for state in _grown(continuation, store, start, places[:first]) if state is not None]
             seeds = seeds or [start]
@@ -267,11 +265,11 @@ def scattered_states(
             about = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
             tasks = [partial(_grown, continuation, store, seed, group) for seed, group in about if len(group)]
             run_tasks(tasks, scheduler, workers)
-            states = [_stored(store, _name(place)) for place in places]
-            return _lost_ones_again(continuation, store, places, states, scheduler, workers)
+            states = [_stored(store, name_of(place)) for place in places]
+            return lost_ones_again(continuation, store, places, states, scheduler, workers)
 
 
-def _lost_ones_again(
+def lost_ones_again(
     continuation: Continuation,
     store: Store,
     places: Floats,
@@ -300,7 +298,7 @@ def _grown(
     for number in from_near_to_far(root.place, places):
         place = places[number]
         near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
-        state = found[number] = _from_near(continuation, store, _name(place), near, place)
+        state = found[number] = _from_near(continuation, store, name_of(place), near, place)
         if state is not None:
             states.append(state)
     return found
@@ -330,7 +328,8 @@ def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
         distance = np.minimum(distance, np.linalg.norm(places - places[number], axis=1))
 
 
-def _name(place: Floats) -> str:
+def name_of(place: Floats) -> str:
+    """Return the name of the state at a place in a store."""
     return f"state-{digest_of(place)[:24]}"
 
 
@@ -352,9 +351,10 @@ def _stored(store: Store, name: str) -> ScatteredState | None:
     return ScatteredState(**values) if values is not None and values.pop("reached") else None
 
 
-def _ended(store: Store, places: Floats) -> tuple[int, str]:
+def ended(store: Store, places: Floats) -> tuple[int, str]:
+    """Return how many of the states at some places a store holds, found or not."""
     there = set(store.names())
-    return sum(_name(place) in there for place in places), "states"
+    return sum(name_of(place) in there for place in places), "states"
 
 
 def scattered_dataset(
@@ -409,54 +409,6 @@ def scattered_dataset(
     names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
     names |= {"extreme": list(TENSIONS), "axis": ["x", "y", "z"]}
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})
-
-
-# Error of a mesh of refinement 12 over the change to it from one of 8. The change from 12 to 16 is 0.29 of that from 8
-# to 12 (median of 39 states, quartiles 0.25 and 0.38), mostly in the same direction: between this and 0.57, by the
-# order of convergence that it shows, is left
-_OF_REFINING = 0.4
-_LIKE = 12  # fine states next to one that is lost on the fine mesh, of which the mean change is taken
-
-
-def with_mesh_errors(dataset: xr.Dataset, coarse: MembraneDatabase) -> xr.Dataset:
-    """Return a dataset of states with the errors of their mesh, from the same states on a coarser one.
-
-    A state that the fine mesh lacks is the coarse one with the mean change of its neighbours, and that is its error.
-    """
-    # ``numbers_mesh_error`` (n, 4), and for either view ``profile_mesh_error`` (n, m) of the modes
-    fine = membrane_continuation(coarse.cross_section, json.loads(dataset.attrs["settings"])["refinement"])
-    places, here = fine.places(coarse["values"]), fine.places(dataset["values"].values)
-    distance, same = KDTree(places).query(here)
-    if np.max(distance) > _SAME:
-        missing = int(np.count_nonzero(distance > _SAME))
-        raise InputError("coarse", "states", "one with the parameters of each fine state", f"none for {missing}")
-    lacking = np.setdiff1d(np.arange(len(coarse)), same)
-    away, near = map(np.asarray, KDTree(here).query(places[lacking], np.arange(1, min(_LIKE, len(here)) + 1)))
-    weights = np.exp(-((2.0 * away / away[:, -1:]) ** 2))
-    weights /= weights.sum(axis=1, keepdims=True)
-
-    kept = ("values", "slack", "numbers", "numbers_along", "tension", "tension_along", "tension_place")
-    there = {name: coarse[name].copy() for name in kept}
-    for view in ("profile", "silhouette"):
-        modes = dataset[f"{view}_modes"].values
-        inverse = np.linalg.pinv(modes.reshape(len(modes), -1)).reshape(*modes.shape[1:], -1)
-        turned = np.tensordot(coarse[f"{view}_modes"], inverse, 2)
-        offset = np.tensordot(coarse[f"{view}_mean"] - dataset[f"{view}_mean"].values, inverse, 2)
-        there[view] = offset + coarse[view] @ turned
-        there[f"{view}_along"] = np.einsum("nkp,km->nmp", coarse[f"{view}_along"], turned)
-    errors = {}
-    for name in ("numbers", "profile", "silhouette"):
-        change = dataset[name].values - there[name][same]
-        mean = np.einsum("nk,nkm->nm", weights, change[near])
-        there[name][lacking] += mean
-        errors[f"{name}_mesh_error"] = dataset[name].dims, np.concatenate([_OF_REFINING * change, mean])
-    starts = [guess_of(coarse, fine, number).unknowns[:-2] for number in lacking]
-    further = {name: values[lacking] for name, values in there.items()}
-    mean, modes = dataset["mesh_mean"].values, dataset["mesh_modes"].values
-    further["mesh"] = (np.reshape(starts, (-1, len(mean))) - mean) @ modes.T
-    both = {name: (dataset[name].dims, np.concatenate([dataset[name], more])) for name, more in further.items()}
-    both["lost"] = dataset["lost"].dims, coarse["lost"]
-    return dataset.drop_vars([*both, *errors], errors="ignore").assign({**both, **errors})
 
 
 class Modes(NamedTuple):
@@ -520,35 +472,6 @@ _STARTS = 2  # states from which a further one is tried
 _TRIED = 8  # of the nearest states, some of which are not found on a finer mesh
 
 
-def refined_states(
-    database: MembraneDatabase,
-    continuation: Continuation,
-    *,
-    folder: str | os.PathLike[str],
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-) -> list[ScatteredState | None]:
-    """Compute the states of a database on the finer mesh of a continuation, None where one is lost; keep them."""
-    # One that is not reached from its coarse shape is tried again from the nearest of the fine states.
-    store = Store.open(folder, continuation.settings)
-    places = continuation.places(database["values"])
-    tasks = [partial(_refined, number, place) for number, place in enumerate(places)]
-    bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
-    with only_run(Path(folder)), keeping(Path(folder)), bar:
-        states = run_tasks(tasks, scheduler, workers, continuation, store, database)
-        return _lost_ones_again(continuation, store, places, states, scheduler, workers)
-
-
-def _refined(
-    number: int, place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
-) -> ScatteredState | None:
-    def compute() -> ScatteredState | None:
-        return continuation.corrected(guess_of(database, continuation, number))
-
-    return kept_state(store, _name(place), compute)
-
-
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
     """Return the state of a database next to a place (6,) that is found on the mesh of a continuation, or None."""
     nearest = _nearest(database, continuation, place)[:_TRIED]
@@ -571,7 +494,7 @@ def further_states(
     # Other runs may keep theirs in the folder at the same time.
     store = Store.open(folder, continuation.settings)
     tasks = [partial(_further, place) for place in places]
-    bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
+    bar = progress_bar(len(places), "states", show=progress, count=partial(ended, store, places))
     with keeping(Path(folder)), bar:
         return run_tasks(tasks, scheduler, workers, continuation, store, database)
 
@@ -586,7 +509,7 @@ def _further(
                 return state
         return None
 
-    return kept_state(store, _name(place), compute)
+    return kept_state(store, name_of(place), compute)
 
 
 def kept_states(folder: str | os.PathLike[str], continuation: Continuation) -> list[ScatteredState]:
