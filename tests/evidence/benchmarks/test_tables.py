@@ -318,8 +318,34 @@ def test_the_guides_state_the_stored_counts():
             if ends.high < int(name[-2:]) / 100:
                 missed.add((kind, name))
                 assert f"{row[name]} of {of}" in page
-    of_outlines = {("outline", f"{name} 95") for name in ("pre_inflation", "surface_shear_modulus_each")}
-    assert missed == {*of_outlines, ("lengths", "area_dilation_modulus 95")}
+    each = "surface_shear_modulus_each"
+    assert missed == {("outline", name) for name in ("pre_inflation 95", f"{each} 68", f"{each} 95")}
+    alpha = of_all["pre_inflation 95"], of_all["pre_inflation"]
+    assert "that of $\\alpha$ in {} of {}".format(*alpha) in guide
+    plain = [batches[f"{kind}, neo-Hookean"] for kind in ("outline", "lengths")]
+    assert [(row["not to be used"], row["batches"]) for row in plain] == [(40, 40), (39, 40)]
+    assert "fail for all 40 batches of outlines and for 39 of lengths" in page
+    assert "law one of these 80 passes" in guide
+
+
+def test_the_page_counts_the_batches_whose_inflation_varies():
+    batches = stored(membrane_batches)["inflated"].values()
+
+    def held(quantity):
+        intervals = (batch[quantity] for batch in batches)
+        return sum(low <= truth <= high for _, low, high, truth in intervals)
+
+    modulus, alpha, spread, modulus_of_one, alpha_of_one = map(
+        held,
+        (
+            *("varying surface_shear_modulus", "varying pre_inflation", "varying inflation_spread"),
+            *("one surface_shear_modulus", "one pre_inflation"),
+        ),
+    )
+    page = " ".join(membrane_batches.STORED.page.read_text().split())
+    assert modulus == spread
+    assert f"hold the truth in {modulus} of {len(batches)}, those of the median of $\\alpha$ in {alpha}." in page
+    assert f"those of G_s hold it in {modulus_of_one}, those of $\\alpha$ in {alpha_of_one}." in page
 
 
 def test_the_guide_to_planning_states_what_one_capsule_tells():
