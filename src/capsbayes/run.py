@@ -27,6 +27,7 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
 from typing import Any, ParamSpec, Protocol, TypeVar, get_args, get_origin, get_type_hints, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -73,10 +74,22 @@ def content_of(value: Any) -> Any:
         return sorted((key, content_of(item)) for key, item in value.items())
     if isinstance(value, (tuple, list)):
         return [content_of(item) for item in value]
-    if is_dataclass(value):
-        names = [item.name for item in fields(value) if item.name not in _PLACES]
-        return type(value).__name__, [(name, content_of(getattr(value, name))) for name in names]
-    return value
+    if not is_dataclass(value):
+        return value
+    kind: Any = type(value)
+    if kind.__hash__ is not object.__hash__ or not kind.__dataclass_params__.frozen:
+        return _content_of_fields(value)
+    if value not in _digests:  # the same object has the same content, and is asked for again and again
+        _digests[value] = hashlib.sha256(repr(_content_of_fields(value)).encode()).hexdigest()
+    return _digests[value]
+
+
+_digests: WeakKeyDictionary[Any, str] = WeakKeyDictionary()
+
+
+def _content_of_fields(value: Any) -> Any:
+    names = [item.name for item in fields(value) if item.name not in _PLACES]
+    return type(value).__name__, [(name, content_of(getattr(value, name))) for name in names]
 
 
 # A lock on what a run writes, so that no second run writes it at the same time; it dies with its owner
