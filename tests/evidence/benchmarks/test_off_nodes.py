@@ -8,7 +8,7 @@ import pytest
 from capsbayes import Surrogate
 from capsbayes.database import NO_EFFECT, Database
 from capsbayes.model import UNSURE_SHAPES
-from evidence.benchmarks.fresh import COUNT, chosen_cases
+from evidence.benchmarks.fresh import COUNT, FRESH, chosen_cases
 from evidence.benchmarks.off_nodes import PAGE, at_nodes, compared, off_nodes, on_its_mesh, without_mesh_error
 
 SHIPPED = Database.shipped()
@@ -163,3 +163,12 @@ def test_fresh_cases_lie_inside_a_model_and_not_at_its_nodes(name):
     known = model.database
     apart = np.abs(np.log(ca[:, None] / known["capillary_number"])) + np.abs(size[:, None] - known["size_ratio"])
     assert np.all(np.min(apart, axis=1) > 1e-4)
+
+
+def test_the_fresh_shapes_are_counted_where_the_data_are_described():
+    with np.load(FRESH) as stored:
+        names, counts = np.unique(stored["database"], return_counts=True)
+    section = (FRESH.parent / "README.md").read_text().partition("## fresh.npz")[2]
+    assert f"holds {counts.sum()} shapes so far: {COUNT} each of" in section
+    for name, count in zip(names, counts, strict=True):
+        assert (f"`{name}`" if count == COUNT else f"{count} of `{name}`") in " ".join(section.split())
