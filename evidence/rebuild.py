@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -19,7 +17,6 @@ from scipy.spatial import KDTree
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable
-from capsbayes.interruption import keeping
 from capsbayes.membrane_database import FREE_PARAMETERS, THICK, MembraneDatabase, highest_ca, lowest_ca
 from capsbayes.physics.build import (
     CAPILLARY_NUMBERS,
@@ -34,18 +31,16 @@ from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, NeoHookean,
 from capsbayes.physics.scattered import (
     Continuation,
     ScatteredState,
-    ended,
+    further_states,
     guess_of,
-    kept_state,
-    lost_ones_again,
     membrane_continuation,
-    name_of,
+    nearest_numbers,
     scattered_dataset,
     scattered_states,
     sobol_places,
 )
 from capsbayes.physics.simulator import Simulator, UnsteadySimulator
-from capsbayes.run import Store, only_run, progress_bar, run_tasks
+from capsbayes.run import only_run
 from capsbayes.status import Status
 from evidence.command import Arguments, count, path, run
 
@@ -200,32 +195,17 @@ def build_membranes(
 
 
 def refined_states(
-    database: MembraneDatabase,
-    continuation: Continuation,
-    *,
-    folder: str | os.PathLike[str],
-    scheduler: str | None = None,
-    workers: int | None = None,
-    progress: bool = True,
+    database: MembraneDatabase, continuation: Continuation, *, folder: str, **how: Any
 ) -> list[ScatteredState | None]:
     """Compute the states of a database on the finer mesh of a continuation, None where one is lost; keep them."""
-    # One that is not reached from its coarse shape is tried again from the nearest of the fine states.
-    store = Store.open(folder, continuation.settings)
     places = continuation.places(database["values"])
-    tasks = [partial(_refined, number, place) for number, place in enumerate(places)]
-    bar = progress_bar(len(places), "states", show=progress, count=partial(ended, store, places))
-    with only_run(Path(folder)), keeping(Path(folder)), bar:
-        states = run_tasks(tasks, scheduler, workers, continuation, store, database)
-        return lost_ones_again(continuation, store, places, states, scheduler, workers)
+    with only_run(Path(folder)):
+        return further_states(database, continuation, places, folder=folder, way=_refined, again=True, **how)
 
 
-def _refined(
-    number: int, place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
-) -> ScatteredState | None:
-    def compute() -> ScatteredState | None:
-        return continuation.corrected(guess_of(database, continuation, number))
-
-    return kept_state(store, name_of(place), compute)
+def _refined(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
+    number = nearest_numbers(database, continuation, place)[0]
+    return continuation.corrected(guess_of(database, continuation, number))
 
 
 # Error of a mesh of refinement 12 over the change to it from one of 8. The change from 12 to 16 is 0.29 of that from 8

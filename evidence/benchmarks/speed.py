@@ -39,7 +39,7 @@ from capsbayes.infer import Posterior, Prior, Quadrature
 from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.prior import Inputs
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase
-from capsbayes.physics.scattered import membrane_continuation, state_of
+from capsbayes.physics.scattered import membrane_continuation, nearest_numbers, state_of
 from capsbayes.surrogate import MembraneSurrogate
 from capsbayes.surrogate.diffuse import PlaneScaling
 from evidence.benchmarks import membrane_coverage as coverage
@@ -174,7 +174,7 @@ def simulated_from_the_nearest(refinement: int) -> Callable[[], Row]:
         database, continuation = MembraneDatabase.open("square"), membrane_continuation("square", refinement)
         places = continuation.places(database["values"])
         some = np.linspace(0, len(places) - 1, 7, dtype=int)[1:-1].tolist()
-        next_to = [int(np.argsort(np.linalg.norm(places - places[number], axis=1))[1]) for number in some]
+        next_to = [nearest_numbers(database, continuation, places[number])[1] for number in some]
         starts = [state_of(database, continuation, number) for number in next_to]
         pairs = list(zip(starts, places[some], strict=True))
         ends: list[Any] = []

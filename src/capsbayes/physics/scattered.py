@@ -257,7 +257,7 @@ def scattered_states(
     store = Store.open(folder, continuation.settings)
     first = min(groups, len(places))
     with only_run(Path(folder)), keeping(Path(folder)):
-        count = partial(ended, store, places)
+        count = partial(_ended, store, places)
         with progress_bar(len(places), "states", show=progress, count=count):
             seeds = [state for state in _grown(continuation, store, start, places[:first]) if state is not None]
             seeds = seeds or [start]
@@ -265,11 +265,11 @@ def scattered_states(
             about = [(seed, places[first:][nearest == number]) for number, seed in enumerate(seeds)]
             tasks = [partial(_grown, continuation, store, seed, group) for seed, group in about if len(group)]
             run_tasks(tasks, scheduler, workers)
-            states = [_stored(store, name_of(place)) for place in places]
-            return lost_ones_again(continuation, store, places, states, scheduler, workers)
+            states = [_stored(store, _name(place)) for place in places]
+            return _lost_ones_again(continuation, store, places, states, scheduler, workers)
 
 
-def lost_ones_again(
+def _lost_ones_again(
     continuation: Continuation,
     store: Store,
     places: Floats,
@@ -298,7 +298,7 @@ def _grown(
     for number in from_near_to_far(root.place, places):
         place = places[number]
         near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
-        state = found[number] = _from_near(continuation, store, name_of(place), near, place)
+        state = found[number] = _from_near(continuation, store, _name(place), near, place)
         if state is not None:
             states.append(state)
     return found
@@ -328,8 +328,7 @@ def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:
         distance = np.minimum(distance, np.linalg.norm(places - places[number], axis=1))
 
 
-def name_of(place: Floats) -> str:
-    """Return the name of the state at a place in a store."""
+def _name(place: Floats) -> str:
     return f"state-{digest_of(place)[:24]}"
 
 
@@ -351,10 +350,9 @@ def _stored(store: Store, name: str) -> ScatteredState | None:
     return ScatteredState(**values) if values is not None and values.pop("reached") else None
 
 
-def ended(store: Store, places: Floats) -> tuple[int, str]:
-    """Return how many of the states at some places a store holds, found or not."""
+def _ended(store: Store, places: Floats) -> tuple[int, str]:
     there = set(store.names())
-    return sum(name_of(place) in there for place in places), "states"
+    return sum(_name(place) in there for place in places), "states"
 
 
 def scattered_dataset(
@@ -474,10 +472,23 @@ _TRIED = 8  # of the nearest states, some of which are not found on a finer mesh
 
 def nearest_state(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
     """Return the state of a database next to a place (6,) that is found on the mesh of a continuation, or None."""
-    nearest = _nearest(database, continuation, place)[:_TRIED]
+    nearest = nearest_numbers(database, continuation, place)[:_TRIED]
     guesses = (guess_of(database, continuation, number) for number in nearest)
     states = (continuation.corrected(guess) for guess in guesses)
     return next((state for state in states if state is not None), None)
+
+
+Way = Callable[[MembraneDatabase, Continuation, Floats], ScatteredState | None]
+"""How the state at a place (6,) is found from those of a database, None if it is not."""
+
+
+def from_the_nearest(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
+    """Return the state at a place, continued from those of a database next to it."""
+    for number in nearest_numbers(database, continuation, place)[:_STARTS]:
+        state = continuation.reached(state_of(database, continuation, number), place)
+        if state is not None:
+            return state
+    return None
 
 
 def further_states(
@@ -486,30 +497,26 @@ def further_states(
     places: Floats,
     *,
     folder: str | os.PathLike[str],
+    way: Way = from_the_nearest,
+    again: bool = False,
     scheduler: str | None = None,
     workers: int | None = None,
     progress: bool = True,
 ) -> list[ScatteredState | None]:
-    """Compute the states at further places (n, 6), each from those of a database next to it; keep them."""
-    # Other runs may keep theirs in the folder at the same time.
+    """Compute the states at further places (n, 6) from those of a database, the lost ones `again`; keep them."""
+    # Other runs may keep theirs in the folder at the same time. Again: from the nearest of those that were found.
     store = Store.open(folder, continuation.settings)
-    tasks = [partial(_further, place) for place in places]
-    bar = progress_bar(len(places), "states", show=progress, count=partial(ended, store, places))
+    tasks = [partial(_further, way, place) for place in places]
+    bar = progress_bar(len(places), "states", show=progress, count=partial(_ended, store, places))
     with keeping(Path(folder)), bar:
-        return run_tasks(tasks, scheduler, workers, continuation, store, database)
+        states = run_tasks(tasks, scheduler, workers, continuation, store, database)
+        return _lost_ones_again(continuation, store, places, states, scheduler, workers) if again else states
 
 
 def _further(
-    place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
+    way: Way, place: Floats, continuation: Continuation, store: Store, database: MembraneDatabase
 ) -> ScatteredState | None:
-    def compute() -> ScatteredState | None:
-        for number in _nearest(database, continuation, place)[:_STARTS]:
-            state = continuation.reached(state_of(database, continuation, number), place)
-            if state is not None:
-                return state
-        return None
-
-    return kept_state(store, name_of(place), compute)
+    return kept_state(store, _name(place), lambda: way(database, continuation, place))
 
 
 def kept_states(folder: str | os.PathLike[str], continuation: Continuation) -> list[ScatteredState]:
@@ -519,7 +526,7 @@ def kept_states(folder: str | os.PathLike[str], continuation: Continuation) -> l
     return [state for state in states if state is not None]
 
 
-def _nearest(database: MembraneDatabase, continuation: Continuation, place: Floats) -> list[int]:
+def nearest_numbers(database: MembraneDatabase, continuation: Continuation, place: Floats) -> list[int]:
     """Return the numbers of the states of a database, from near a place (6,) to far."""
     away = np.linalg.norm(continuation.places(database["values"]) - place, axis=1)
     return np.argsort(away).tolist()
