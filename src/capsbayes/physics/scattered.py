@@ -45,6 +45,7 @@ _OF_THE_CASE = ("capillary_number", "size_ratio")
 _GROUPS = 32
 _SHORTEST = 0.05  # share of the way to a place, below which a step is not tried
 _FARTHEST = 0.05  # [l] between the prediction and the state, beyond which it may be one of another branch
+_TOO_FAR = 1.0  # [l] between a state and its prediction; derivatives of what is no state on the mesh reach beyond
 _ITERATIONS, _PATIENCE = 8, 4
 _SMOOTH = 13  # degree on the sphere up to which a stored shape is taken as it is
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
@@ -201,7 +202,10 @@ class Continuation:
         return state
 
     def _solved(self, near: ScatteredState, place: Floats, derivatives: bool) -> ScatteredState | None:
-        return self.corrected(near.moved(place - near.place), derivatives=derivatives)
+        guess = near.moved(place - near.place)
+        if np.max(np.abs(guess.unknowns - near.unknowns)) > _TOO_FAR:
+            return None
+        return self.corrected(guess, derivatives=derivatives)
 
     def corrected(self, guess: ScatteredState, *, derivatives: bool = True) -> ScatteredState | None:
         """Return the state at the place of a guess, with the derivatives of its own; None if there is none near it."""

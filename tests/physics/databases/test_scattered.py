@@ -1,6 +1,7 @@
 """Scattered states are those of the simulator, found again after an interruption, and predict their neighbours."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -177,6 +178,12 @@ def test_a_branch_that_ends_on_the_way_is_said(start, monkeypatch):
     monkeypatch.setattr(Continuation, "_solved", until_the_fold)
     assert CONTINUATION.reached(start, start.place + 0.4 * np.eye(4)[0]) is None
     assert CONTINUATION.reached(start, start.place + 0.1 * np.eye(4)[0]) is not None
+
+
+def test_derivatives_that_lead_out_of_the_channel_are_not_followed(start):
+    """As of a shape that is no state on the mesh, whose membrane would bear no finite forces there."""
+    wild = replace(start, derivatives=1e160 * start.derivatives)
+    assert CONTINUATION.reached(wild, start.place + 0.1) is None
 
 
 def test_axes_without_the_case_are_refused():
