@@ -67,6 +67,7 @@ _OF_CAPSULES = ("surface_shear_modulus", "capsule_radius")  # priors of single c
 _CANDIDATES = 2000
 _ROUNDS = 3
 _TESTED, _FEWEST_TESTED = 0.2, 3  # share of the states of a round that are drawn at random, and at least so many
+_KNOWN = 1e-6  # share of the largest variance that is left where the error is known
 _NEAR = 2.0  # distance from a candidate up to which a state of an earlier run is taken; over 1 the error changes
 _ENOUGH = 0.1  # share of the model in the variance of ln G_s
 _AGREES = 1.5  # root mean square of the errors of the tested states, in standard errors
@@ -292,14 +293,17 @@ class _Candidates(NamedTuple):
 
     def chosen(self, count: int, tests: int) -> list[int]:
         """Return rows: at first some by chance, then those where states take most of the variance that is left."""
-        # The variance of an error that is known at a distance r falls by the square of the correlation, exp(-r^2).
+        # The errors are taken for a Gaussian process, of correlation exp(-r^2 / 2) at a distance r.
         _, distinct = np.unique(self.values, axis=0, return_index=True)
         chosen = np.sort(distinct)[:tests].tolist()
-        known = np.exp(-cdist(self.places, self.places, "sqeuclidean"))
-        left = self.variance * np.prod(1.0 - known[chosen], axis=0)
-        while len(chosen) < count:
-            chosen.append(int(np.argmax(known @ left)))
-            left = left * (1.0 - known[chosen[-1]])
+        deviation = np.sqrt(self.variance)
+        left = deviation[:, None] * np.exp(-0.5 * cdist(self.places, self.places, "sqeuclidean")) * deviation
+        least = _KNOWN * left.diagonal().max()
+        for number in range(count):
+            if number == len(chosen):
+                chosen.append(int(np.argmax(np.sum(left**2, axis=0) / (left.diagonal() + least))))
+            column = left[:, chosen[number]]
+            left = left - np.outer(column, column) / (column[chosen[number]] + least)
         return chosen
 
 
