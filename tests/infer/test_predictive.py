@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from capsbayes.errors import InputError
 from capsbayes.infer import identify
@@ -36,6 +37,16 @@ def test_the_density_is_that_which_the_chains_climbed(sampled, model):
     parts = sampled.draws, sampled.measurement, sampled.experiment, sampled.prior, sampled.inputs, model, 1
     again = Predictive(*parts).groups()["sample_stats"]["lp"]
     assert np.std(again - sampled.draws["lp"]) < 1e-6 * np.std(again)
+
+
+def test_a_chain_of_arviz_is_an_ensemble(sampled, data):
+    """With its walkers one after the other: a quarter of a thousand chains made its plots take minutes."""
+    assert data.posterior.sizes["chain"] == len(np.unique(sampled.ensemble)) <= 8
+    for name, values in data.posterior.items():
+        np.testing.assert_array_equal(np.sort(values, axis=None), np.sort(sampled.draws[name], axis=None))
+    walkers = xr.Dataset({"a": (("chain", "draw"), sampled.draws["capsule_radius"])})
+    assert float(arviz.ess(data)["capsule_radius"]) == pytest.approx(float(arviz.ess(walkers)["a"]), rel=0.2)
+    assert float(arviz.rhat(data)["capsule_radius"]) < 1.01
 
 
 def test_the_prior_is_that_which_the_quadrature_integrates(data, seen, model, experiment):

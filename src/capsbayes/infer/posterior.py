@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -686,6 +686,7 @@ class Posterior:
         In addition to the groups of the file it has ``prior`` (given the velocity, see `capsbayes.infer.predictive`),
         ``prior_predictive`` and ``posterior_predictive`` of lengths, velocity and flow rate, and ``log_likelihood``, of
         the lengths together (or of the outline) and of the velocity. These groups are computed when this is called.
+        A chain of it is an ensemble: the walkers one after the other, so that what they share is seen between chains.
 
         Parameters
         ----------
@@ -718,8 +719,13 @@ class Posterior:
         """
 
         check_units(units, "posterior")
-        groups, forward = self.groups(), self.model_of(model)
-        what = (self.draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
+        of_walkers = [self.ensemble == number for number in np.unique(self.ensemble)]
+        draws = {
+            name: np.array([values[walkers].ravel() for walkers in of_walkers]) for name, values in self.draws.items()
+        }
+        groups = replace(self, draws=draws, ensemble=np.arange(len(of_walkers))).groups()
+        forward = self.model_of(model)
+        what = (draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
         further = Predictive(*what).groups()
         if "sample_stats" in groups:  # of the chains themselves
             del further["sample_stats"]
