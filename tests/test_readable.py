@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import capsbayes as cb
+from capsbayes.plan.budget import ErrorBudget
+from capsbayes.plan.sobol import SobolStudy
 from capsbayes.readable import Readable
 
 EXPERIMENT = cb.Experiment("square", "25 +/- 0.2 um", "0.85 +/- 0.02 Pa s", frame_rate="2 kHz", source="<lab>.toml")
@@ -42,6 +44,12 @@ def test_a_posterior_of_a_population_shows_medians_and_intervals():
 
 
 def test_what_a_person_meets_at_a_prompt_is_readable():
-    for kind in (cb.Experiment, cb.Measurement, cb.Population, cb.Hierarchy, cb.Study):
+    for kind in (cb.Experiment, cb.Measurement, cb.Population, cb.Hierarchy, cb.Study, ErrorBudget, SobolStudy):
         assert issubclass(kind, Readable)
         assert kind.__repr__ is Readable.__repr__
+
+
+def test_a_model_shows_its_name_and_range():
+    shown = "<Surrogate square-neo-hookean: Ca 0.003 to 0.15; a/l 0.7 to 1.15; mid-plane>"
+    assert repr(cb.Surrogate.open("square-neo-hookean")) == shown
+    assert repr(cb.MembraneSurrogate.open("square")).endswith("; strain_hardening; bending>")

@@ -239,6 +239,11 @@ class ForwardModel(ABC):
             On a name in ``theta`` that the model does not know, see `check_names`.
         """
 
+    def __repr__(self) -> str:
+        (low, high), (small, large) = self.domain.bounds
+        shown = f"Ca {low:.3g} to {high:.3g}; a/l {small:.3g} to {large:.3g}; {self.view}"
+        return f"<{type(self).__name__} {self.name}: {'; '.join((shown, *self.coordinates, *self.effects))}>"
+
     def __add__(self, effect: Effect) -> Extended:
         """Return the model with an effect, which acts on what it predicts."""
         return Extended(self, effect)

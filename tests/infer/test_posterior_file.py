@@ -177,6 +177,13 @@ def test_what_a_notebook_shows_is_one_line(posterior):
     assert repr(posterior).endswith("µm (95 %); DONE>")
 
 
+def test_a_quantity_is_found_by_its_name_or_symbol_and_the_corner_is_drawn(posterior):
+    assert posterior["G_s"] is posterior["surface_shear_modulus"] is posterior.marginals["surface_shear_modulus"]
+    with pytest.raises(InputError, match=r"one of surface_shear_modulus \(G_s\), .*, got 'K'"):
+        posterior["K"]
+    assert {ax.get_label() for ax in posterior.plot().axes} >= {"surface_shear_modulus", "capsule_radius"}
+
+
 def test_everything_but_the_draws_is_json(posterior):
     content = json.loads(json.dumps(posterior.as_dict(), allow_nan=False))
     assert content["status"] == "DONE"

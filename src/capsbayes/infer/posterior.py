@@ -6,8 +6,9 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from capsbayes.status import Status
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
 
 
 # What results have in common: draws as datasets with units, JSON in attributes, groups as an `arviz.InferenceData`
@@ -473,9 +475,22 @@ class Posterior:
         with parsing(where, "the file of a posterior, whole"):
             return cls(**_fields(attributes, groups))
 
+    def __getitem__(self, name: str) -> Marginal:
+        """Return median and intervals of a quantity by its name or its symbol, as ``"G_s"``; see `marginals`."""
+        for known, marginal in self.marginals.items():
+            if name in (known, PARAMETERS[known].symbol):
+                return marginal
+        expected = ", ".join(f"{known} ({PARAMETERS[known].symbol})" for known in self.marginals)
+        raise InputError("posterior", "", f"one of {expected}", repr(name))
+
+    def plot(self) -> Figure:
+        """Draw the corner plot of the report : matplotlib.figure.Figure."""
+        figures = import_module("capsbayes.report.posterior_figures")  # a floor above, for those who ask for a plot
+        return cast("Figure", figures.corner_of_all(self))
+
     def __repr__(self) -> str:
         names = "surface_shear_modulus", "capsule_radius"
-        shown = ", ".join(f"{PARAMETERS[name].symbol} = {self.marginals[name].shown(name)}" for name in names)
+        shown = ", ".join(f"{PARAMETERS[name].symbol} = {self[name].shown(name)}" for name in names)
         return f"<Posterior of {self.measurement.source or 'a capsule'}: {shown} (95 %); {self.status.name}>"
 
     def _repr_html_(self) -> str:

@@ -27,6 +27,7 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.plan.lab import CapsuleDraws, Expectation, LabErrors, root_of, settings_of
 from capsbayes.plan.widths import check_model, width_of
 from capsbayes.quantity import Given, Quantity
+from capsbayes.readable import Readable
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -72,8 +73,8 @@ _WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class ErrorBudget:
+@dataclass(frozen=True, repr=False)
+class ErrorBudget(Readable):
     """Error budget of one capsule."""
 
     rows: tuple[BudgetRow, ...]
@@ -83,6 +84,10 @@ class ErrorBudget:
     model_name: str
     model_sha256: str
     status: Status  # that of the posterior
+
+    def described(self) -> dict[str, str]:
+        """Return the share of each input in the variance of G_s, in per cent."""
+        return {row.name: f"{100.0 * row.share[QUANTITIES[0]]:.0f} %" for row in self.rows}
 
     def __getitem__(self, name: str) -> BudgetRow:
         return next(row for row in self.rows if row.name == name)

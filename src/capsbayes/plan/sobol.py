@@ -21,6 +21,7 @@ from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS, STATED
 from capsbayes.plan.lab import settings_of
 from capsbayes.quantity import Given, Quantity
+from capsbayes.readable import Readable
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
@@ -43,8 +44,8 @@ class SobolIndex:
     total_error: float
 
 
-@dataclass(frozen=True, eq=False)
-class SobolStudy:
+@dataclass(frozen=True, eq=False, repr=False)
+class SobolStudy(Readable):
     """First-order and total indices of each answer by each input."""
 
     ranges: Mapping[str, Quantity]  # over which each input was varied
@@ -60,6 +61,10 @@ class SobolStudy:
     model_name: str
     model_sha256: str
     status: Status
+
+    def described(self) -> dict[str, str]:
+        """Return the total index of each input for G_s."""
+        return {name: f"{index.total:.2f}" for name, index in self.indices[ANSWERS[0]].items()}
 
     def table(self, answer: str = "surface_shear_modulus") -> pd.DataFrame:
         """Return the indices of one answer, a row for each input."""
