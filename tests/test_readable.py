@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import capsbayes as cb
-from capsbayes.plan.budget import ErrorBudget
+from capsbayes.plan.budget import BudgetRow, ErrorBudget
 from capsbayes.plan.sobol import SobolStudy
 from capsbayes.readable import Readable
 
@@ -47,6 +47,18 @@ def test_what_a_person_meets_at_a_prompt_is_readable():
     for kind in (cb.Experiment, cb.Measurement, cb.Population, cb.Hierarchy, cb.Study, ErrorBudget, SobolStudy):
         assert issubclass(kind, Readable)
         assert kind.__repr__ is Readable.__repr__
+
+
+def test_an_error_budget_shows_shares_only_if_they_add_up():
+    def shown(*shares):
+        rows = tuple(
+            BudgetRow(name, None, {"surface_shear_modulus": share}, {}, {})
+            for name, share in zip(("viscosity", "axial_extent"), shares, strict=True)
+        )
+        return repr(ErrorBudget(rows, {}, {"surface_shear_modulus": 0.045}, (), "model", "", cb.Status.DONE))
+
+    assert shown(0.4, 0.6) == "<ErrorBudget: sd of ln G_s 0.045; viscosity 40 %; axial_extent 60 %>"
+    assert shown(1.4, 0.2) == "<ErrorBudget: sd of ln G_s 0.045>"
 
 
 def test_a_model_shows_its_name_and_range():

@@ -86,8 +86,9 @@ class ErrorBudget(Readable):
     status: Status  # that of the posterior
 
     def described(self) -> dict[str, str]:
-        """Return the share of each input in the variance of G_s, in per cent."""
-        return {row.name: f"{100.0 * row.share[QUANTITIES[0]]:.0f} %" for row in self.rows}
+        """Return the standard deviation of ln G_s and, if they add up, the shares of the inputs in its variance."""
+        shares = {name: f"{100.0 * share:.0f} %" for name, share in self.shares_of(QUANTITIES[0]).items()}
+        return {"sd of ln G_s": f"{self.sd[QUANTITIES[0]]:.2g}", **shares}
 
     def __getitem__(self, name: str) -> BudgetRow:
         return next(row for row in self.rows if row.name == name)
