@@ -25,6 +25,7 @@ Grey = NDArray[np.uint8]
 FINE = 4  # fine pixels along the side of one of the camera's
 LINES = 2  # lines of a fine pixel along which coverage is summed
 LAYERS = 7  # polygons in a stack
+_RINGS = 24  # polygons from which rings are made
 MARGIN = 36.0  # px around the capsule along the channel
 
 
@@ -48,6 +49,8 @@ class Looks:
     rear_width: float = 2.5  # half its breadth, where it is half as dark
     halo: float = 0.04  # light added just outside the edge
     halo_width: float = 2.5  # distance at which it has fallen to 1/e
+    ring: float = 0.0  # wavelength of its rings, 0 for none
+    ring_phase: float = 0.0  # at the edge [rad]
     wall: float = 0.5  # darkness of a wall's band
     wall_width: float = 2.0  # half its breadth, where it is half as dark
     beyond: float = 0.93  # light beyond the walls
@@ -171,10 +174,20 @@ def transmission_of(view: View, capsule: Capsule) -> Floats:
     inside = moved(0.0)
     depths = -np.log(_shares())  # of these the mean falls as exp(-depth)
     core = np.mean([moved(-looks.membrane_width * depth) for depth in depths], axis=0)
-    around = np.mean([moved(looks.halo_width * depth) for depth in depths], axis=0)
     dark = looks.interior * inside + looks.membrane * (inside - core)
     dark += looks.rear * inside * _rear(view, capsule)
-    return np.asarray(1.0 - dark + looks.halo * (around - inside))
+    return np.asarray(1.0 - dark + looks.halo * _around(looks, inside, moved))
+
+
+def _around(looks: Looks, inside: Floats, moved: Callable[[float], Floats]) -> Floats:
+    """Return the light outside the edge over that of the halo at it, on the fine pixels."""
+    if not looks.ring:
+        return np.asarray(np.mean([moved(looks.halo_width * depth) for depth in -np.log(_shares())], axis=0) - inside)
+    ends = looks.halo_width * np.linspace(0.0, 4.0, _RINGS + 1)
+    middles = 0.5 * (ends[1:] + ends[:-1])
+    waves = np.cos(2.0 * np.pi * middles / looks.ring + looks.ring_phase) * np.exp(-middles / looks.halo_width)
+    layers = np.array([inside, *map(moved, ends[1:])])
+    return np.asarray(np.tensordot(waves, np.diff(layers, axis=0), axes=1))
 
 
 def _rear(view: View, capsule: Capsule) -> Floats:

@@ -20,8 +20,7 @@ import numpy as np
 
 from capsbayes import Experiment, Measurement, Surrogate, identify
 from capsbayes.infer import outline as of_outline
-from capsbayes.infer.outline import askew_size
-from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose, askew_size
 from capsbayes.physics.channel import FourfoldTube, SquareChannel
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.simulator import Simulator

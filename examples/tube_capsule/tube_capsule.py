@@ -18,7 +18,8 @@ from capsbayes.image import Picture, detect
 from capsbayes.image.measure import measurement_of
 from capsbayes.image.overlay import write_overlay
 from capsbayes.infer import Prior
-from capsbayes.infer.outline import aligned_with, askew_size
+from capsbayes.infer.outline import aligned_with
+from capsbayes.measurement import askew_size
 from capsbayes.quantity import Quantity
 from capsbayes.report import write_report
 

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from scipy.special import chdtri
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.csv_file import read_numbers, text_of_numbers
 from capsbayes.files.input_file import InputFile, Reader, checked_table, file_name, number, quantity, unread
 from capsbayes.files.output_file import together, write_file
+from capsbayes.footing import odd_part
 from capsbayes.parameters import STATED
 from capsbayes.profile import arc_length, check_simple, signed_area
 from capsbayes.quantity import Given, Quantity, settle
@@ -144,6 +146,26 @@ class Pose:
             (self.taper, place[:, 0] * radial),
         )
         return np.stack([*each, *(sd * change for sd, change in of_camera if sd > 0.0)], axis=1)
+
+
+MOST_ASKEW = 0.02
+"""Root mean square of the odd part of an outline [l], up to which capsules off the axis were tried."""
+
+_CHANCE = 1e-3  # that noise alone has an odd part as large: a larger one is none
+_OF_POSE = 2.0  # odd degrees of freedom that a shift and a turn take away
+
+
+def askew_size(points: Floats, noise: OutlineNoise) -> float:
+    """Return the root mean square [l] of the odd part of an outline (m, 2) without noise; 0 where that explains it."""
+    # The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
+    # after Satterthwaite.
+    square, of_noise = float(np.nanmean(odd_part(points) ** 2)), 0.5 * noise.scale**2
+    if square <= of_noise:
+        return 0.0
+    covariance = noise.covariance(points)
+    freedom = max(0.5 * np.trace(covariance) ** 2 / np.sum(covariance**2) - _OF_POSE, 1.0)
+    most = float(chdtri(freedom, _CHANCE)) / freedom * of_noise
+    return float(np.sqrt(square - of_noise)) if square > most else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,10 @@ class Status(enum.Enum):
         "No two parallel walls were found across the picture, or several channels; cut it around one (--crop), "
         "say where the walls are (--walls), or give the size of a pixel (--pixel-size) and the axis (--axis)."
     )
+    WALLS_OFF = (
+        "The walls are stated off the dark lines of the picture, so that l is wrong by more than five times its error: "
+        "state them on the lines (--walls), or their error (--wall-error)."
+    )
     UPRIGHT = (
         "The walls run up and down the picture, but the flow must run along its rows: turn the picture by a quarter "
         "(--rotate 90)."

@@ -93,7 +93,7 @@ def test_a_pixel_size_needs_no_walls(background):
 
 def test_a_measurement_says_that_its_walls_were_stated_and_that_they_are_off(tmp_path):
     picture = CAPSULE.picture
-    for walls, off in (("44.5, 154.5", False), ("38.5, 154.5", True)):
+    for walls, off in (("44.5, 154.5", False), ("42.5, 154.5", True)):
         by_hand = ByHand(walls=walls, wall_error="0.5 px")
         measured = measure(picture, EXPERIMENT, capsule_velocity=VELOCITY, by_hand=by_hand)
         assert measured.walls == f"walls by hand at rows {walls} px, each +/- 0.5 px"
@@ -147,6 +147,21 @@ def test_a_wall_six_pixels_outside_its_band_is_warned_of(background):
     assert "inside and" in walls.doubt
 
 
+@pytest.mark.parametrize("background", [True, False])
+def test_walls_off_their_bands_are_doubted_or_refused(background):
+    """One 3 px off is doubted; both 6 px off would make every length wrong by a tenth of l."""
+    doubted = off_band(0.0, 3.0, background=background)
+    assert doubted.off_band == (0.0, pytest.approx(3.0, abs=0.2))
+    assert doubted.doubt.startswith("The lower wall lies")
+    for away in (6.0, -6.0):
+        moved = rows_of_walls(TILTED.scene, -away, away)
+        refused = seen(TILTED, walls=moved, background=background)
+        assert refused.status is Status.WALLS_OFF
+        assert refused.outline is None
+        assert refused.walls.change == pytest.approx(-away, abs=0.7)
+        assert seen(TILTED, walls=moved, wall_error=4.0, background=background).status is Status.DONE
+
+
 def test_walls_on_their_bands_are_not():
     """Nor walls off by less than their stated error allows, nor in a picture that shows no dark line there."""
     assert off_band(0.0, 0.0).doubt == ""
@@ -176,6 +191,12 @@ def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
     # the velocity needs the size of a pixel alone, whose error is smaller than that of the half width
     assert capsule.capsule_velocity_error < 0.003 * capsule.capsule_velocity
     assert measured(walls=(row - 51.0, row + 45.0)).doubt.startswith("The upper wall lies")
+    off = ByHand(walls=(row - 51.0, row + 51.0))
+    wider = measured(edge_offset="0.4 +/- 0.02 px")
+    assert 45.0 * (wider.axial_extent - known.axial_extent) == pytest.approx(0.8, abs=0.02)
+    assert wider.axial_extent_error < known.axial_extent_error
+    refused = measure_film(folder, EXPERIMENT, frame_rate=2000.0, background=empty, by_hand=off)
+    assert refused.status is Status.WALLS_OFF
     with pytest.raises(InputError, match="erase: expected nothing for a film"):
         measured(erase=(0, 0, 9, 9))
 
@@ -198,6 +219,9 @@ def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
         ({"axis": "300", "pixel_size": "0.3 +/- 0.01 um"}, "axis: expected rows within the picture"),
         ({"pixel_size": "0.3 um"}, "pixel size: expected a standard error"),
         ({"pixel_size": "0.3 +/- 0.01 s"}, "pixel size: expected"),
+        ({"edge_offset": "0.1"}, 'edge offset: expected a standard error, as in "0.12 +/- 0.05 px"'),
+        ({"edge_offset": "0.1 +/- 0.05 um"}, "edge offset: expected"),
+        ({"edge_offset": "9 +/- 1 px"}, "edge offset: expected less than 3 px, got 9"),
         ({"crop": "0, 0, 400, 100"}, "crop: expected a part of the picture of 200 x 200 px, got 0, 0, 400, 100"),
         ({"crop": "-1, 0, 100, 100"}, "a part of the picture"),
         ({"crop": "0, 0, 8, 100"}, "crop: expected at least 16 x 16 px, got 8 x 100 px"),

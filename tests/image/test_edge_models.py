@@ -192,6 +192,12 @@ def test_outliers_are_left_out_and_points_within_four_floors_stay():
         assert fit(2.0 - 0.5 * X + off * (np.arange(41) == 20)).kept[20] == stays
 
 
+def test_too_few_points_that_are_left_by_the_last_round_are_none():
+    values = np.where(np.isin(np.arange(41), [3, 30]), 5.0, 0.0)
+    assert fit(values, rounds=1, enough=39).kept.sum() == 39
+    assert fit(values, rounds=1, enough=40) is None
+
+
 def test_variance_and_cofactor_are_those_of_ordinary_least_squares():
     """Unbiased over many lines with noise; of the line through (0, 0), (1, 1) and (2, 0), 1/3, two thirds are left."""
     rng = np.random.default_rng(2)

@@ -18,6 +18,7 @@ from capsbayes.image.film import measure_film
 from capsbayes.image.measure import EdgeErrors, detect, measure, measurement_of_lengths, silhouette_of
 from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline import aligned_with
+from capsbayes.measurement import askew_size
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -95,7 +96,9 @@ def test_a_measurement_and_a_table_are_over_l_with_the_errors_of_both(tmp_path):
     assert read.over_half_width
     np.testing.assert_allclose(read.lengths, [extent / half_width, length / half_width])
     share = np.sqrt(np.diag(detection.covariance)) / detection.lengths
-    np.testing.assert_allclose(np.sqrt(np.diag(read.covariance)) / read.lengths, np.hypot(share[:2], share[3]))
+    odd = np.array([2.0, 1.0]) * askew_size(read.outline.points, read.outline.noise) / read.lengths
+    relative = np.sqrt(share[:2] ** 2 + share[3] ** 2 + odd**2)
+    np.testing.assert_allclose(np.sqrt(np.diag(read.covariance)) / read.lengths, relative)
     assert 0.0 < read.length_correlation < 1.0
     assert read.source.endswith("picture.png")
     assert len(read.sha256) == 64
@@ -194,7 +197,8 @@ def test_blurred_and_noisy_edges_are_less_sure():
     assert blurred.noise.white < sharp.noise.white
     assert blurred.pose.offset > sharp.pose.offset
     optics = (Optics(electrons=electrons) for electrons in (50_000, 1500))
-    quiet, noisy = (seen(drawn(0.08, 1.05, half_width=55.0, optics=each)).covariance[0, 0] for each in optics)
+    found = [seen(drawn(0.08, 1.05, half_width=55.0, optics=each)) for each in optics]
+    quiet, noisy = ((each.covariance - each.systematic_covariance)[0, 0] for each in found)
     assert np.sqrt(noisy) > 1.5 * np.sqrt(quiet)
 
 

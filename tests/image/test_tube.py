@@ -12,7 +12,7 @@ import pytest
 
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, silhouette_of
-from capsbayes.infer.outline import askew_size
+from capsbayes.measurement import askew_size
 from capsbayes.status import Status
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tube_capsule" / "tube_capsule.py"

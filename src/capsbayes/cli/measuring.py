@@ -35,7 +35,7 @@ _SPEEDS = ("--velocity", "--flow-rate")
 _OF_CONTOUR = ("--walls", "--wall-error", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points")
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
-    "picture": (*_SPEEDS, "--background", *BY_HAND),
+    "picture": (*_SPEEDS, "--background", "--target", *BY_HAND),
     "film": ("--frame-rate", "--background", *(option for option in BY_HAND if option != "--erase")),
     "contour": (*_SPEEDS, *_OF_CONTOUR),
     ".rtdc file": ("--flow-rate", "--shared-velocity", "--pixel-size", "--axis"),
@@ -51,6 +51,13 @@ class StatedOptions(PicturesOptions):
     """What is stated of a picture, a film, a contour or an .rtdc file."""
 
     frame_rate: Annotated[str | None, Option('Of a film, as "2000 Hz"; default: frame_rate of the experiment.')] = None
+    target: Annotated[
+        str | None,
+        Option(
+            'Diameter of a bead or disc in place of the capsule, as "20.0 +/- 0.1 um", with --pixel-size: it tells '
+            "--edge-offset for pictures with the same optics."
+        ),
+    ] = None
     edge_error: Annotated[
         str | None, Option('How well either end of a contour lies on the edge, as "0.10 um"; default: 1 px.')
     ] = None
@@ -102,6 +109,9 @@ def measure(
         "picture": measured_picture,
     }[kind]
     known = cb.Experiment.read(experiment)
+    if stated.target is not None:
+        _measure_target(picture, stated, out)
+        return
     with resumable(out):
         measure_kind(picture, known, stated, out, as_json=as_json)
 
@@ -154,6 +164,20 @@ def measured_picture(
     if not measured.status.ok:
         raise typer.Exit(1)
     return measured
+
+
+def _measure_target(path: Path, stated: StatedOptions, out: Path | None) -> None:
+    from capsbayes.image import Picture, edge_offset_of
+
+    given = {"--target", "--pixel-size", "--crop", "--contrast"}
+    if (more := sorted(stated.given().keys() - given)) or out is not None:
+        raise InputError("measure", "--target", f"with it only {', '.join(sorted(given))}", (*more, "--out")[0])
+    if stated.pixel_size is None:
+        raise InputError("measure", "--target", "--pixel-size with it", "none")
+    found = edge_offset_of(Picture.read(path), stated.target, stated.pixel_size, by_hand=stated.by_hand())
+    side = "outside" if found.value > 0.0 else "inside"
+    typer.echo(f"The true edge lies {abs(found.value):.2f} px {side} the located one.")
+    typer.echo(f'For pictures with the same optics: --edge-offset "{found.value:.2f} +/- {found.error:.2f} px"')
 
 
 def _record(measured: cb.Measurement) -> dict[str, object]:

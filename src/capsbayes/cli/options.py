@@ -74,7 +74,17 @@ _SPEEDS = {
     "--shared-velocity": ("capsule_velocity", "m/s", "4.86 +/- 0.30 mm/s"),
     "--flow-rate": ("flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min"),
 }
-_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast", "rotate")  # fields of `ByHand`
+_BY_HAND = (
+    "walls",
+    "wall_error",
+    "pixel_size",
+    "axis",
+    "crop",
+    "erase",
+    "contrast",
+    "edge_offset",
+    "rotate",
+)  # fields of `ByHand`
 BY_HAND = tuple(f"--{name.replace('_', '-')}" for name in _BY_HAND)
 
 
@@ -125,6 +135,13 @@ class PictureOptions(Options):
     ] = None
     contrast: Annotated[
         str | None, Option("Capsule and walls compared with the liquid, dark or bright; default: found in the picture.")
+    ] = None
+    edge_offset: Annotated[
+        str | None,
+        Option(
+            'How far outside the located edge the true one lies, as "0.12 +/- 0.05 px", if it was measured, as by '
+            "measure --target."
+        ),
     ] = None
     rotate: Annotated[
         str | None,

@@ -15,7 +15,8 @@ from capsbayes.diagnosis.fits import Fits
 from capsbayes.diagnosis.odds import Change, Explanation, Names
 from capsbayes.diagnosis.scores import Discrepancy, Measured, Trial
 from capsbayes.diagnosis.session import Session, Whitening
-from capsbayes.infer.outline import Footing, aligned_with
+from capsbayes.footing import Footing
+from capsbayes.infer.outline import aligned_with
 from capsbayes.model import Effect, FixedParameters, ForwardModel
 
 # Comparison of the capsules of a session with the best shapes of a model

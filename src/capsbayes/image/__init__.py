@@ -4,5 +4,6 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measure
+from capsbayes.image.target import edge_offset_of
 
-__all__ = ["ByHand", "Detection", "Picture", "detect", "measure"]
+__all__ = ["ByHand", "Detection", "Picture", "detect", "edge_offset_of", "measure"]

@@ -134,7 +134,8 @@ def transmission(grey: Floats, background: Floats) -> Floats:
 _BAND_SMOOTHING = 2.0  # px
 _BAND_REACH = 20.0  # px to either side of a wall that are searched
 _BAND_SIGNIFICANCE = 8.0  # of a line's darkness over the spread of that of all rows
-_SURE = 3.0  # standard errors of a wall, or px if these are more, up to which it lies on a line
+_OF_LINE = 0.5  # px: least error of a stated wall beside the line
+_DOUBTED, _REFUSED = 2.0, 5.0  # standard errors of a wall, and of l, beyond which they are doubted and refused
 _PERCENTILE = 75.0  # of the levels along a line: a capsule darkens less than three quarters of it
 
 
@@ -157,8 +158,12 @@ def _off(outwards: Floats, walls: WallLines) -> float:
     if not len(near):
         return 0.0
     nearest = float(near[np.argmin(np.abs(near))])
-    error = np.sqrt(2.0) * walls.half_width_error  # of either wall
-    return -nearest if abs(nearest) > _SURE * max(error, 1.0) else 0.0
+    return -nearest if abs(nearest) > _DOUBTED * max(np.sqrt(2.0) * walls.half_width_error, _OF_LINE) else 0.0
+
+
+def are_misplaced(walls: WallLines) -> bool:
+    """Return whether walls are stated so far from the dark lines that l, and so every length, is wrong."""
+    return abs(walls.change) > _REFUSED * max(walls.half_width_error, np.sqrt(0.5) * _OF_LINE)
 
 
 # Whether capsules are darker or brighter than the liquid; bright ones are measured in the mirrored picture

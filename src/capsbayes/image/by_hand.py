@@ -22,6 +22,7 @@ from capsbayes.quantity import Given, Quantity
 
 WALL_ERROR = 1.0  # px: of a wall placed by hand, whose line is some pixels wide, unless another error is stated
 _LINE = 2.0  # px: standard deviation of the dark line of a wall that was not fitted, as of a bundle of thin lines
+_LARGEST_OFFSET = 3.0  # px
 _TAPER = 0.1  # largest relative difference of the distances between the walls at the two borders
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 
@@ -65,6 +66,10 @@ class ByHand:
         further boxes follow after a semicolon. There the outline is a smooth curve between what is left of it.
     contrast : str, optional
         ``"dark"`` or ``"bright"``, as capsule and walls are compared with the liquid; by default the picture tells it.
+    edge_offset : Quantity, optional [px]
+        How far outside the edge that is located the true one lies, with its standard error, as ``"0.12 +/- 0.05 px"``,
+        if it was measured, as by `capsbayes.image.edge_offset_of`; by default it is zero, with an error that grows with
+        blur and rings of light.
     rotate : text or int, optional [degree]
         90, 180 or 270: the picture is turned clockwise by so much before all else, and its background with it; the flow
         must run along the rows. All places are those of the turned picture.
@@ -89,6 +94,7 @@ class ByHand:
     crop: Any = None
     erase: Any = None
     contrast: str | None = None
+    edge_offset: Any = None
     rotate: Any = None
 
     def __post_init__(self) -> None:
@@ -103,10 +109,14 @@ class ByHand:
         if self.rotate is not None and str(self.rotate) not in _TURNS:
             raise InputError("rotate", "", f"{', '.join(_TURNS)} degrees clockwise", repr(self.rotate))
         if self.pixel_size is not None:
-            size = Quantity.of(self.pixel_size, where="pixel size", key="", units=("m",))
-            if size.known:
-                raise InputError("pixel size", "", 'a standard error, as in "0.340 +/- 0.003 um"', str(self.pixel_size))
-            self.pixel_size = size
+            self.pixel_size = uncertain(self.pixel_size, "pixel size", "m", "0.340 +/- 0.003 um")
+        if self.edge_offset is not None:
+            number = (
+                self.edge_offset.strip().removesuffix("px") if isinstance(self.edge_offset, str) else self.edge_offset
+            )
+            self.edge_offset = uncertain(number, "edge offset", "", "0.12 +/- 0.05 px")
+            if not abs(self.edge_offset.mean) + self.edge_offset.sd < _LARGEST_OFFSET:
+                raise InputError("edge offset", "", f"less than {_LARGEST_OFFSET:g} px", str(self.edge_offset))
         if self.walls is not None and self.pixel_size is not None:
             raise InputError("walls, pixel size", "", "one of the two: each of them gives l in pixels", "both")
         if self.axis is not None and self.pixel_size is None:
@@ -203,6 +213,14 @@ class ByHand:
             line_width=_LINE,
             stated=f"the half width over a pixel of {1e6 * size.value:.4g} +/- {1e6 * size.error:.2g} um",
         )
+
+
+def uncertain(given: Given, name: str, unit: str, example: str) -> Quantity:
+    """Return a quantity that needs a standard error."""
+    made = Quantity.of(given, where=name, key="", units=(unit,), example=example, signed=not unit)
+    if made.known:
+        raise InputError(name, "", f'a standard error, as in "{example}"', str(given))
+    return made
 
 
 def _numbers(given: Any, name: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...] | None:

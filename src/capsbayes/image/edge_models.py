@@ -450,6 +450,8 @@ def fit_without_outliers(
         residuals = values - design @ coefficients
         spread = max(robust_spread(residuals[kept]), floor)
         kept = kept & (np.abs(residuals) < _OUTLIER * spread)
+    if not enough(kept):
+        return None
     used = design[kept]
     variance = np.sum(residuals[kept] ** 2) / max(len(used) - design.shape[1], 1)
     return RobustFit(coefficients, kept, spread, float(variance), used)

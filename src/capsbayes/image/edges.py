@@ -310,16 +310,18 @@ class FurthestPoint:
     distance: float  # [px]: along the direction from the origin of the picture
     variance: float  # [px^2]: of the error of the distance
     systematic: float  # [px^2]: the part of the variance that is the same in all pictures of a capsule
+    misfit: float  # mean square of what a smooth curve over the widest neighbourhood leaves, over its expectation
 
 
-def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift: float = 0.0) -> FurthestPoint:
-    """Return the largest distance of an outline along a direction."""
+def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, *, is_smooth: bool = False) -> FurthestPoint:
+    """Return the largest distance of an outline along a direction, without the error that all edges share."""
     # The largest of many uncertain points would lie too far out; the maximum of a quartic does not. The widest
     # neighbourhood counts in which it agrees with the points. The misfit [1/px] is the error of the edge's model over
     # the square of its width: the first term that the model lacks is quadratic.
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
     top = int(np.argmax(correlate1d(reach, np.full(5, 0.2), mode="wrap")))
+    misfits = []
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t, design = _design(window)
@@ -328,7 +330,8 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
         inverse = np.linalg.solve(weighted.T @ weighted, weighted.T) / error
         coefficients = inverse @ reach[index]
         residual = (reach[index] - design @ coefficients) / error
-        if residual @ residual < _MISFIT * (len(t) - _ORDER - 1):
+        misfits.append(float(residual @ residual) / (len(t) - _ORDER - 1))
+        if misfits[-1] < _MISFIT:
             break
     powers = np.arange(_ORDER + 1)
     fine = np.linspace(-0.5, 0.5, 101)
@@ -343,8 +346,8 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, shift
     of_arcs = np.bincount(outline.arc[index], weights * outline.arc_error[index])
     variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
     too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
-    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2 + shift**2
-    return FurthestPoint(float(values[best]) - too_far, variance + model, model)
+    model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
+    return FurthestPoint(float(values[best]) - too_far, variance + model, model, misfits[0])
 
 
 @lru_cache
@@ -371,6 +374,7 @@ _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at 
 _BAND_SMOOTHING = 1.5  # px
 _STRIP = 3.0  # px: breadth of the strips in which the band is located
 _FEWEST_STRIPS = 4  # strips
+_FULL = 0.2  # of the usual darkness along the band, that the outer third on either side has; a particle ends there
 _FLOOR, _STRIP_SCATTER = 0.02, 1.0  # px: smallest and largest spread of the strips about the parabola
 _BEHIND = 10  # px behind the band within which it must brighten again
 _BAND_REACH = 1.7, 5, 14  # half width of the fit around the band: over its deviation, at least and at most in px
@@ -487,15 +491,20 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     used = np.minimum.reduceat(within, first, axis=0).astype(float)
     bands = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
     across = np.add.reduceat(y, first) / count
+    shown = np.add.reduceat(centre.astype(float), first) / count
     fit = fit_without_outliers(
         np.stack([np.ones(strips), across, 0.5 * across**2], axis=1),
-        np.add.reduceat(centre.astype(float), first) / count + bands.place,
+        shown + bands.place,
         bands.converged & (bands.coefficients[:, 0] < 0.0) & (np.abs(bands.place) < 0.5 * reach),
         rounds=2,
         floor=_FLOOR,
         enough=lambda kept: kept.sum() >= _FEWEST_STRIPS,
     )
-    if fit is None or fit.kept.sum() < _FEWEST_STRIPS or fit.spread > _STRIP_SCATTER:
+    if fit is None or fit.spread > _STRIP_SCATTER:
+        return None
+    along = np.abs(samples - (fit.coefficients @ [np.ones(strips), across, 0.5 * across**2] - shown)[:, None])
+    dark = 0.5 * (means[:, 0] + means[:, -1]) - np.take_along_axis(means, along.argmin(axis=1)[:, None], axis=1)[:, 0]
+    if min(dark[: strips // 3].mean(), dark[-(strips // 3) :].mean()) < _FULL * median(dark):
         return None
     expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])
     free = int(fit.kept.sum()) - fit.design.shape[1]
@@ -540,13 +549,13 @@ def centroid_variance(outline: EdgeOutline, direction: Floats) -> float:
     # the misfit of the edge's model shifts the centroid alike in all pictures of a capsule
     lever = (outline.points - centroid(outline.points)) @ direction
     step = _steps(outline.points)
-    return _variance(outline, lever * step / abs(signed_area(outline.points)))
+    return points_variance(outline, lever * step / abs(signed_area(outline.points)))
 
 
 def integrate_silhouette(
-    outline: EdgeOutline, axis: Floats, across: Floats, misfit: float, shift: float = 0.0
+    outline: EdgeOutline, axis: Floats, across: Floats, misfit: float, offset: float = EDGE_FLOOR
 ) -> SilhouetteIntegrals:
-    """Return area, perimeter, volume of revolution and stretch ratio of an outline."""
+    """Return area, perimeter, volume of revolution and stretch ratio of an outline, whose points share an error."""
     y = (outline.points - axis) @ across
     step = _steps(outline.points)
     along = np.array([across[1], -across[0]])
@@ -556,13 +565,13 @@ def integrate_silhouette(
     sphere = (0.75 * volume / np.pi) ** (1.0 / 3.0)
     ratio = perimeter / (2.0 * np.pi * sphere)
     by_edge = np.vstack([by_edge, ratio * (by_edge[1] / perimeter - by_edge[2] / (3.0 * volume))])
-    model = np.hypot(misfit * outline.edge_width**2, np.hypot(EDGE_FLOOR, shift))
-    errors = [np.sqrt(_variance(outline, weight, EDGE_FLOOR) + (weight @ model) ** 2) for weight in by_edge]
+    model = np.hypot(misfit * outline.edge_width**2, offset)
+    errors = [np.sqrt(points_variance(outline, weight, EDGE_FLOOR) + (weight @ model) ** 2) for weight in by_edge]
     values = (area, perimeter, volume, ratio)
     return SilhouetteIntegrals(*(Quantity(value, float(error)) for value, error in zip(values, errors, strict=True)))
 
 
-def _variance(outline: EdgeOutline, weight: Floats, floor: float = 0.0) -> float:
+def points_variance(outline: EdgeOutline, weight: Floats, floor: float = 0.0) -> float:
     """Return the variance of the weighted sum of the points' errors."""
     # the points of an arc shift against its mean: where the weights are alike, these shifts cancel
     count = np.bincount(outline.arc)

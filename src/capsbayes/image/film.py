@@ -20,6 +20,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import (
     FLICKER,
     Contrast,
+    are_misplaced,
     blobs_in_empty,
     brightness,
     check_light,
@@ -178,6 +179,7 @@ class _View:
     between: Booleans
     contrast: Contrast
     shift: float  # as of `Detection`
+    edge_offset: Quantity | None  # as of `ByHand`
 
     def light(self, picture: Picture) -> Floats:
         """Return the light of a frame over that of the empty channel under the lamp of the frame."""
@@ -204,7 +206,7 @@ def _measure_frame(
         if track is None:
             statuses[blob.status] += 1
             continue
-        detection = analyse_blob(light, noise, view.walls, blob, linker.direction, view.shift)
+        detection = analyse_blob(light, noise, view.walls, blob, linker.direction, view.shift, view.edge_offset)
         statuses[detection.status] += 1
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
@@ -257,6 +259,8 @@ def _view(
         return Status.UPRIGHT if runs_upright(raw, by_hand.contrast) else Status.NO_WALLS
     if lines is not None:
         walls = compared_with_bands(walls, empty)
+        if are_misplaced(walls):
+            return Status.WALLS_OFF
     if stated is None and blobs_in_empty(empty, walls):
         return Status.COVERED
     near = walls.rows_around(empty.shape)
@@ -264,7 +268,7 @@ def _view(
     read = slice(rows.start + near.start, rows.start + near.stop), columns
     gain = transmission(np.ones_like(shown), shown)
     shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
-    return _View(read, walls, raw[near], gain, walls.between(shown.shape), contrast, shift)
+    return _View(read, walls, raw[near], gain, walls.between(shown.shape), contrast, shift, by_hand.edge_offset)
 
 
 def _bare(contrast: Contrast) -> float:

@@ -14,8 +14,10 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Camera, Experiment
 from capsbayes.files.csv_file import text_of_numbers
 from capsbayes.files.output_file import together, write_file
+from capsbayes.footing import tilt_of
 from capsbayes.image.background import (
     Contrast,
+    are_misplaced,
     check_light,
     check_place,
     compared_with_bands,
@@ -29,12 +31,21 @@ from capsbayes.image.background import (
 )
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
-from capsbayes.image.edges import ARC, EDGE_FLOOR, pixel_noise, scatter_expected, thinned, without_erased
+from capsbayes.image.edges import ARC, pixel_noise, scatter_expected, thinned, without_erased
 from capsbayes.image.files import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.overlay import write_overlay
 from capsbayes.image.walls import WallLines, find_walls
-from capsbayes.measurement import FEWEST_POINTS, SILHOUETTE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement import (
+    FEWEST_POINTS,
+    MOST_ASKEW,
+    SILHOUETTE,
+    MeasuredOutline,
+    Measurement,
+    OutlineNoise,
+    Pose,
+    askew_size,
+)
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
 
@@ -47,7 +58,6 @@ _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
 _OF_SHIFT = 0.5  # of the error of a smoothed picture's edges, which differ as their dark lines do
 _FACING = 0.8  # cosine of a normal's angle to the channel, least at the ends
 _BAND = 1.5  # of the square of the width at the nose: in drawn pictures that at the rear is 0.8 to 1.35 of it
-_OFFSET = 0.02  # 1/px: common error of all edges over the square of their width
 
 
 @dataclass(frozen=True)
@@ -68,11 +78,10 @@ class EdgeErrors:
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
         misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
-        offset = np.sqrt(EDGE_FLOOR**2 + detection.shift**2 + _OFFSET**2 * np.mean(np.square(width)))
         facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
-        return cls(scatter_expected(outline), float(arc), float(misfit), float(offset), band)
+        return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band)
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
@@ -184,15 +193,24 @@ def detect(
         walls = stated or find_walls((ground or shown).grey) or walls
     if stated is not None:
         walls = compared_with_bands(walls, (ground or shown).grey)
+        if are_misplaced(walls):
+            return Detection(Status.WALLS_OFF, walls.moved(columns.start, rows.start))
     level = estimate_background(shown.grey, walls) if ground is None else ground.grey
     near, erased = walls.rows_around(shown.shape), by_hand.erased_in_part(picture.shape)
     if erased is not None:
         erased = erased - np.array([0, near.start, 0, near.start])
     around = shown.cut((near, slice(None))), level[near], walls.moved(0, -near.start)
-    return _between(*around, direction, erased).moved(columns.start, rows.start + near.start)
+    return _between(*around, direction, erased, by_hand.edge_offset).moved(columns.start, rows.start + near.start)
 
 
-def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, erased: Floats | None) -> Detection:
+def _between(
+    picture: Picture,
+    empty: Floats,
+    walls: WallLines,
+    direction: int,
+    erased: Floats | None,
+    edge_offset: Quantity | None,
+) -> Detection:
     """Find a dark capsule in the rows of a picture around the walls."""
     between = walls.between(picture.shape)
     clipped = picture.grey[picture.clipped & between]
@@ -203,13 +221,14 @@ def _between(picture: Picture, empty: Floats, walls: WallLines, direction: int, 
     blobs = find_blobs(light, walls, noise, erased)
     capsules = [blob for blob in blobs if blob.status is not Status.DEBRIS]
     if len(capsules) == 1:
-        detection = analyse_blob(light, noise, walls, capsules[0], direction, edge_shift(light, walls, blobs))
+        shift = edge_shift(light, walls, blobs)
+        detection = analyse_blob(light, noise, walls, capsules[0], direction, shift, edge_offset)
     else:
         detection = Detection(Status.SEVERAL_CAPSULES if capsules else Status.NO_CAPSULE, walls)
     if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in blobs):
         return replace(detection, status=Status.SHADED)
     dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
-    if len(dead) and np.abs(detection.ends[:, None] - dead).min() < _NEAR:
+    if len(dead) and np.nanmin(np.abs(detection.ends[:, None] - dead), initial=np.inf) < _NEAR:
         return replace(detection, status=Status.DEAD_COLUMN)
     return detection
 
@@ -313,6 +332,22 @@ def measurement_of(
     )
 
 
+_OF_ASKEW = np.array([2.0, 1.0])  # errors of L_z and L_a over the odd part: of an outline that is sheared, 2.1 and 0.3
+
+
+_LEVEL = 0.004  # rad: up to it, errors of the edge look like a turn
+
+
+def _of_tilt(points: Floats) -> Floats:
+    """Return by how much L_z and L_a change if an outline is turned so that its axis is along the flow : (2,) array."""
+    if abs(turn := tilt_of(points)) < _LEVEL:
+        return np.zeros(2)
+    changes = points @ [np.cos(turn), np.sin(turn)] - points[:, 0]
+    ends = changes[[np.argmax(points[:, 0]), np.argmin(points[:, 0])]]
+    straight = np.ptp(points @ [np.cos(turn), np.sin(turn)])
+    return np.array([np.ptp(points[:, 0]) - straight, ends[0]])
+
+
 def measurement_of_lengths(
     lengths: Floats,
     covariance: Floats,
@@ -328,13 +363,18 @@ def measurement_of_lengths(
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
+    askew = 0.0 if outline is None else askew_size(outline.points, outline.noise)
+    if status.ok and askew > MOST_ASKEW:
+        status = Status.LOPSIDED
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
     rear = np.isfinite(lengths[1]) and covariance[1, 1] < lengths[1] ** 2  # an error beyond its value tells nothing
     known = [0, 1] if rear else [0]
     scaled = lengths[known] * scale
+    ends = np.hypot(askew * _OF_ASKEW, 0.0 if outline is None else _of_tilt(outline.points))[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
+    spread += np.outer(ends, ends)
     errors = np.sqrt(np.diag(spread))
     measured = Measurement(
         axial_extent=float(scaled[0]),

@@ -41,6 +41,11 @@ class WallLines:
     off_band: tuple[float, float] = (0.0, 0.0)  # [px]: of stated walls, outside the nearest dark line if clearly off it
 
     @property
+    def change(self) -> float:
+        """How much larger l is if the nearest dark lines are the walls [px]."""
+        return -0.5 * sum(self.off_band)
+
+    @property
     def doubt(self) -> str:
         """What is doubtful about the walls, a sentence; empty if nothing."""
         off = [f"{abs(away):.1f} px {'outside' if away > 0.0 else 'inside'}" for away in self.off_band if away]
@@ -48,10 +53,9 @@ class WallLines:
             return ""
         names = [name for name, away in zip(("upper", "lower"), self.off_band, strict=True) if away]
         which = f"The {names[0]} wall lies {off[0]}" if len(off) == 1 else f"The walls lie {off[0]} and {off[1]}"
-        change = -0.5 * sum(self.off_band) / self.half_width
         return (
-            f"{which} the nearest dark line of the picture; if that is the wall, l is {abs(change):.1%} "
-            f"{'smaller' if change < 0.0 else 'larger'}."
+            f"{which} the nearest dark line of the picture; if that is the wall, l is "
+            f"{abs(self.change) / self.half_width:.1%} {'smaller' if self.change < 0.0 else 'larger'}."
         )
 
     @property

@@ -15,7 +15,8 @@ from scipy.special import ndtr, ndtri
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Experiment, bending
-from capsbayes.infer.outline import OutlineLikelihood, SilhouetteLength, normal_distances
+from capsbayes.footing import normal_distances
+from capsbayes.infer.outline import OutlineLikelihood, SilhouetteLength
 from capsbayes.infer.prior import THICKNESS, Coordinate
 from capsbayes.measurement import MeasuredOutline, Measurement
 from capsbayes.prediction import Prediction

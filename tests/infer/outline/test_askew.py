@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from capsbayes import Experiment, Measurement, Surrogate, identify
+from capsbayes.footing import odd_part
 from capsbayes.infer import outline as of_outline
-from capsbayes.infer.outline import askew_size, odd_directions, odd_part, outline_likelihood, rear_direction
-from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose
+from capsbayes.infer.outline import odd_directions, outline_likelihood, rear_direction
+from capsbayes.measurement import SILHOUETTE, MeasuredOutline, OutlineNoise, Pose, askew_size
 from capsbayes.profile import equally_spaced, vertex_normals
 from capsbayes.status import Status
 

@@ -9,14 +9,8 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from capsbayes.errors import InputError
-from capsbayes.infer.outline import (
-    OutlineLikelihood,
-    SilhouetteLength,
-    aligned_with,
-    normal_distances,
-    outline_likelihood,
-    posed_on,
-)
+from capsbayes.footing import normal_distances, posed_on
+from capsbayes.infer.outline import OutlineLikelihood, SilhouetteLength, aligned_with, outline_likelihood
 from capsbayes.measurement import MeasuredOutline, OutlineNoise, Pose
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate import Surrogate
