@@ -67,6 +67,14 @@ def overlapping(view: View, camera: Camera, random: np.random.Generator) -> tupl
     return beside(wider, along, across), camera
 
 
+def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+    """Add rings of light of 4 to 7 px and any phase, in a halo of a tenth to a quarter of it, and blur by 0.7 to 2 px."""
+    rings = {"halo": random.uniform(0.1, 0.25), "ring": random.uniform(4.0, 7.0)}
+    rings["ring_phase"] = random.uniform(0.0, 2.0 * np.pi)
+    looks = replace(view.looks, **rings, halo_width=random.uniform(1.5, 4.0))
+    return replace(view, looks=looks), replace(camera, blur=random.uniform(0.7, 2.0))
+
+
 CONDITIONS: dict[str, Change] = {
     "none": camera(),
     "motion 1 px": camera(motion=1.0),
@@ -90,6 +98,7 @@ CONDITIONS: dict[str, Change] = {
     "a third of the contrast": faint(0.33),
     "a fifth of the contrast": faint(0.2),
     "halo 15 %": looks(halo=0.15),
+    "rings of light": ringed,
     "two capsules overlap": overlapping,
 }
 
