@@ -68,7 +68,7 @@ def overlapping(view: View, camera: Camera, random: np.random.Generator) -> tupl
 
 
 def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
-    """Add rings of light of 4 to 7 px and any phase, in a halo of a tenth to a quarter of it, and blur by 0.7 to 2 px."""
+    """Add rings of 4 to 7 px and any phase in a halo of a tenth to a quarter of the light; blur by 0.7 to 2 px."""
     rings = {"halo": random.uniform(0.1, 0.25), "ring": random.uniform(4.0, 7.0)}
     rings["ring_phase"] = random.uniform(0.0, 2.0 * np.pi)
     looks = replace(view.looks, **rings, halo_width=random.uniform(1.5, 4.0))
