@@ -201,8 +201,10 @@ def analyse_blob(
     of_shape = _flow_of_shape(outline, walls)
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
-    offset = edge_offset.sd if edge_offset else np.hypot(shift, _common_error(light, outline, walls))
-    if edge_offset:
+    if edge_offset is None:
+        offset = np.hypot(shift, _common_error(light, outline, walls))
+    else:
+        offset = edge_offset.sd
         outline = replace(outline, points=outline.points + edge_offset.mean * outline.normals)
     found = Detection(
         Status.DONE,

@@ -313,7 +313,7 @@ class FurthestPoint:
     misfit: float  # mean square of what a smooth curve over the widest neighbourhood leaves, over its expectation
 
 
-def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float, *, is_smooth: bool = False) -> FurthestPoint:
+def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> FurthestPoint:
     """Return the largest distance of an outline along a direction, without the error that all edges share."""
     # The largest of many uncertain points would lie too far out; the maximum of a quartic does not. The widest
     # neighbourhood counts in which it agrees with the points. The misfit [1/px] is the error of the edge's model over
@@ -492,8 +492,9 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     bands = locate(means, samples.astype(float), Model.BAND, np.zeros(strips), np.full(strips, deviation), used)
     across = np.add.reduceat(y, first) / count
     shown = np.add.reduceat(centre.astype(float), first) / count
+    parabola = np.stack([np.ones(strips), across, 0.5 * across**2], axis=1)
     fit = fit_without_outliers(
-        np.stack([np.ones(strips), across, 0.5 * across**2], axis=1),
+        parabola,
         shown + bands.place,
         bands.converged & (bands.coefficients[:, 0] < 0.0) & (np.abs(bands.place) < 0.5 * reach),
         rounds=2,
@@ -502,8 +503,9 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     )
     if fit is None or fit.spread > _STRIP_SCATTER:
         return None
-    along = np.abs(samples - (fit.coefficients @ [np.ones(strips), across, 0.5 * across**2] - shown)[:, None])
-    dark = 0.5 * (means[:, 0] + means[:, -1]) - np.take_along_axis(means, along.argmin(axis=1)[:, None], axis=1)[:, 0]
+    away = fit.coefficients @ parabola.T - shown
+    nearest = np.abs(samples - away[:, None]).argmin(axis=1)
+    dark = 0.5 * (means[:, 0] + means[:, -1]) - means[np.arange(strips), nearest]
     if min(dark[: strips // 3].mean(), dark[-(strips // 3) :].mean()) < _FULL * median(dark):
         return None
     expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])

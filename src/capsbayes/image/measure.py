@@ -333,19 +333,15 @@ def measurement_of(
 
 
 _OF_ASKEW = np.array([2.0, 1.0])  # errors of L_z and L_a over the odd part: of an outline that is sheared, 2.1 and 0.3
-
-
 _LEVEL = 0.004  # rad: up to it, errors of the edge look like a turn
 
 
-def _of_tilt(points: Floats) -> Floats:
-    """Return by how much L_z and L_a change if an outline is turned so that its axis is along the flow : (2,) array."""
+def _of_turn(points: Floats) -> Floats:
+    """Return how much less L_z and the distance of the nose are of an outline whose axis is turned back to the flow."""
     if abs(turn := tilt_of(points)) < _LEVEL:
         return np.zeros(2)
-    changes = points @ [np.cos(turn), np.sin(turn)] - points[:, 0]
-    ends = changes[[np.argmax(points[:, 0]), np.argmin(points[:, 0])]]
-    straight = np.ptp(points @ [np.cos(turn), np.sin(turn)])
-    return np.array([np.ptp(points[:, 0]) - straight, ends[0]])
+    z, turned = points[:, 0], points @ [np.cos(turn), np.sin(turn)]
+    return np.array([np.ptp(z) - np.ptp(turned), z.max() - turned.max()])
 
 
 def measurement_of_lengths(
@@ -372,7 +368,7 @@ def measurement_of_lengths(
     rear = np.isfinite(lengths[1]) and covariance[1, 1] < lengths[1] ** 2  # an error beyond its value tells nothing
     known = [0, 1] if rear else [0]
     scaled = lengths[known] * scale
-    ends = np.hypot(askew * _OF_ASKEW, 0.0 if outline is None else _of_tilt(outline.points))[known]
+    ends = np.hypot(askew * _OF_ASKEW, 0.0 if outline is None else _of_turn(outline.points))[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
     spread += np.outer(ends, ends)
     errors = np.sqrt(np.diag(spread))
