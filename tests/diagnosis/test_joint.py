@@ -82,17 +82,19 @@ def test_two_effects_of_the_membrane_are_found_far_from_where_one_alone_is_likel
     """The states over the whole membrane are the truth: alone, the inflation absorbs most of the hardening."""
     truth = {"pre_inflation": 0.04, "strain_hardening": 0.9}
     inflation, hardening = (SIMULATED[name] for name in truth)
-    session, known = drawn_session(MembraneSurrogate.open("square").fixed(**truth), 20, seed=5, outline=True)
-    white = whitening(model, session)
-    first = Trial(model, inflation, session, white, fitted(model, session, white)).explored().scores
-    held = FixedParameters(model + inflation, {"pre_inflation": first.size})
-    alone = fitted(held, session, white)
-    second = Trial(held, hardening, session, white, alone).explored().scores
-    assert first.size > 0.045
-    assert second.size < 0.6
-    found = score_jointly(model, first, second, session, white, alone, {})[:2]
-    for scores in found:
-        low, high = scores.interval(1.92)
-        assert low < truth[scores.effect.parameter.name] < high
-    modulus, due = float(found[1].modulus[found[1].best]), float(np.exp(np.median(known["log_modulus"])))
-    assert abs(np.log(modulus / due)) < 0.1 < np.log(float(second.modulus[second.best]) / due)
+    whole, held = MembraneSurrogate.open("square").fixed(**truth), []
+    for seed in (5, 6, 7):
+        session, known = drawn_session(whole, 20, seed=seed, outline=True)
+        white = whitening(model, session)
+        first = Trial(model, inflation, session, white, fitted(model, session, white)).explored().scores
+        inflated = FixedParameters(model + inflation, {"pre_inflation": first.size})
+        alone = fitted(inflated, session, white)
+        second = Trial(inflated, hardening, session, white, alone).explored().scores
+        assert first.size > 0.045
+        assert second.size < 0.6
+        found = score_jointly(model, first, second, session, white, alone, {})[:2]
+        ends = [scores.interval(1.92) for scores in found]
+        held += [low < truth[one.effect.parameter.name] < high for one, (low, high) in zip(found, ends, strict=True)]
+        modulus, due = float(found[1].modulus[found[1].best]), float(np.exp(np.median(known["log_modulus"])))
+        assert abs(np.log(modulus / due)) < 0.1 < np.log(float(second.modulus[second.best]) / due)
+    assert sum(held) >= 5  # of six 95 % intervals: fewer in one of thirty such tests by chance
