@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from capsbayes.arrays import Floats
-from capsbayes.physics.channel import ShearFlow
+from capsbayes.physics.channel import Flow, unidirectional
 from capsbayes.physics.continuation import SLACK_LIMIT
 from capsbayes.physics.load import profile
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.simulator import Simulator
 from capsbayes.physics.steady import Problem
-from capsbayes.physics.surface import OctaSphere, dunavant, p2, p2_gradient
+from capsbayes.physics.surface import C2H, OctaSphere, Symmetry, dunavant, p2, p2_gradient
 from capsbayes.physics.transient import STEADY, Scheme, transient
 from evidence.verification.quantities import QUANTITIES, SYMBOLS, numbers, on_mesh, steady
 from evidence.verification.references import BOUNDARY_INTEGRAL, PAPER, SHEAR, SHEAR_SLOPE, TUBE
@@ -240,6 +241,30 @@ def simple_shear() -> Topic:
         _shear_rows,
         _shear_picture,
     )
+
+
+# Simple shear without walls, u_z = y.
+#
+# Lengths are over the radius a of the capsule, velocities over the shear rate
+# times a, so the capillary number of a problem in this flow is
+# Ca = mu (shear rate) a / G_s and its size ratio is 1.
+#
+# The membrane rotates like the tread of a tank. The bending energy is that of
+# the displacement from rest, so it resists this rotation with a stress of order
+# B, which should stay far below Ca
+
+
+@dataclass(frozen=True)
+class ShearFlow(Flow):
+    """Simple shear along z in the plane x = 0."""
+
+    symmetry: ClassVar[Symmetry] = C2H
+    pressure_gradient: ClassVar[float] = 0.0
+
+    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return velocity and gradient at points, see `Flow`."""
+        y = points[:, 1]
+        return unidirectional(y, np.zeros_like(y), np.ones_like(y))
 
 
 def _sheared(capillary_number: float) -> str:

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from capsbayes.physics.channel import ShearFlow
 from capsbayes.physics.membrane import NeoHookean
 from capsbayes.physics.steady import Problem
 from capsbayes.physics.transient import transient
-from evidence.verification.capsules import taylor_deformation
+from evidence.verification.capsules import ShearFlow, taylor_deformation
 
 
 def deformations(capillary_number, times, refinement=4):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
-from capsbayes.physics.surface import C2H, C_INF_V, D2, D4, Symmetry
+from capsbayes.physics.surface import C_INF_V, D2, D4, Symmetry
 
 # Undisturbed flows and straight channels: what all cross-sections share.
 #
@@ -357,29 +357,6 @@ class RoundedSquareChannel(Channel):
 
     def filling(self, spacing: float, outwards: float) -> tuple[Floats, Floats]:
         return rounded_filling(self.corner_radius, spacing, outwards)
-
-
-# Simple shear without walls, u_z = y.
-#
-# Lengths are over the radius a of the capsule, velocities over the shear rate
-# times a, so the capillary number of a problem in this flow is
-# Ca = mu (shear rate) a / G_s and its size ratio is 1.
-#
-# The membrane rotates like the tread of a tank. The bending energy is that of
-# the displacement from rest, so it resists this rotation with a stress of order
-# B, which should stay far below Ca
-
-
-@dataclass(frozen=True)
-class ShearFlow(Flow):
-    """Simple shear along z in the plane x = 0."""
-
-    symmetry: ClassVar[Symmetry] = C2H
-    pressure_gradient: ClassVar[float] = 0.0
-
-    def undisturbed(self, points: Floats) -> tuple[Floats, Floats]:
-        y = points[:, 1]
-        return unidirectional(y, np.zeros_like(y), np.ones_like(y))
 
 
 # The channels by the names of their cross-sections
