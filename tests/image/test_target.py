@@ -1,5 +1,6 @@
 """The error that all edges share: seen as a ring of light outside them, measured with a target, or stated."""
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -104,5 +105,9 @@ def test_the_command_says_what_to_state(tmp_path, monkeypatch, capsys):
     assert "px outside the located one" in said
     stated = ByHand(edge_offset=said.split('--edge-offset "')[1].split('"')[0]).edge_offset
     assert stated.mean == pytest.approx(offset_of(disc(45.0, **RINGS), 45.0).value, abs=0.006)
+    told = json.loads(run(monkeypatch, capsys, *target, "--pixel-size", PIXEL, "--json")[1])["edge_offset"]
+    assert (told["value"], told["error"]) == pytest.approx((stated.mean, stated.sd), abs=0.006)
+    assert "--flow" in mistake(monkeypatch, capsys, *target, "--pixel-size", PIXEL, "--flow", "left")
+    assert "--out" in mistake(monkeypatch, capsys, *target, "--pixel-size", PIXEL, "--out", tmp_path / "out")
     assert "expected --pixel-size with it" in mistake(monkeypatch, capsys, *target)
     assert "--velocity" in mistake(monkeypatch, capsys, *target, "--pixel-size", PIXEL, "--velocity", "6 +/- 0.1 mm/s")

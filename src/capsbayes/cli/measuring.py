@@ -35,7 +35,8 @@ _SPEEDS = ("--velocity", "--flow-rate")
 _OF_CONTOUR = ("--walls", "--wall-error", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points")
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
-    "picture": (*_SPEEDS, "--background", "--target", *BY_HAND),
+    "picture": (*_SPEEDS, "--background", *BY_HAND),
+    "target": ("--target", "--pixel-size", "--crop", "--contrast"),
     "film": ("--frame-rate", "--background", *(option for option in BY_HAND if option != "--erase")),
     "contour": (*_SPEEDS, *_OF_CONTOUR),
     ".rtdc file": ("--flow-rate", "--shared-velocity", "--pixel-size", "--axis"),
@@ -96,7 +97,7 @@ def measure(
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.run import resumable
 
-    kind = _kind(picture)
+    kind = _kind(picture) if stated.target is None else "target"
     if kind == ".rtdc file" and stated.velocity is not None:
         stated.speeds(None, several=_EVENTS)  # refuses it with advice
     for option, value in stated.given().items():
@@ -107,11 +108,9 @@ def measure(
         ".rtdc file": _measure_rtdc,
         "contour": _measure_contour,
         "picture": measured_picture,
+        "target": _measure_target,
     }[kind]
     known = cb.Experiment.read(experiment)
-    if stated.target is not None:
-        _measure_target(picture, stated, out)
-        return
     with resumable(out):
         measure_kind(picture, known, stated, out, as_json=as_json)
 
@@ -166,15 +165,20 @@ def measured_picture(
     return measured
 
 
-def _measure_target(path: Path, stated: StatedOptions, out: Path | None) -> None:
+def _measure_target(
+    path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None, *, as_json: bool
+) -> None:
     from capsbayes.image import Picture, edge_offset_of
 
-    given = {"--target", "--pixel-size", "--crop", "--contrast"}
-    if (more := sorted(stated.given().keys() - given)) or out is not None:
-        raise InputError("measure", "--target", f"with it only {', '.join(sorted(given))}", (*more, "--out")[0])
-    if stated.pixel_size is None:
+    for option, value in (("--flow", stated.flow), ("--out", out)):
+        if value is not None:
+            raise InputError("measure", option, "none for a target", str(value))
+    if stated.target is None or stated.pixel_size is None:
         raise InputError("measure", "--target", "--pixel-size with it", "none")
     found = edge_offset_of(Picture.read(path), stated.target, stated.pixel_size, by_hand=stated.by_hand())
+    if as_json:
+        print_json({"edge_offset": {"value": found.value, "error": found.error}})
+        return
     side = "outside" if found.value > 0.0 else "inside"
     typer.echo(f"The true edge lies {abs(found.value):.2f} px {side} the located one.")
     typer.echo(f'For pictures with the same optics: --edge-offset "{found.value:.2f} +/- {found.error:.2f} px"')

@@ -74,17 +74,8 @@ _SPEEDS = {
     "--shared-velocity": ("capsule_velocity", "m/s", "4.86 +/- 0.30 mm/s"),
     "--flow-rate": ("flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min"),
 }
-_BY_HAND = (
-    "walls",
-    "wall_error",
-    "pixel_size",
-    "axis",
-    "crop",
-    "erase",
-    "contrast",
-    "edge_offset",
-    "rotate",
-)  # fields of `ByHand`
+# fields of `ByHand`
+_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast", "edge_offset", "rotate")
 BY_HAND = tuple(f"--{name.replace('_', '-')}" for name in _BY_HAND)
 
 

@@ -359,8 +359,8 @@ def measurement_of_lengths(
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
-    askew = 0.0 if outline is None else askew_size(outline.points, outline.noise)
-    if status.ok and askew > MOST_ASKEW:
+    askew = askew_size(outline.points, outline.noise) if status.ok and outline is not None else 0.0
+    if askew > MOST_ASKEW:
         status = Status.LOPSIDED
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
