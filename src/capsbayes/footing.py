@@ -166,18 +166,12 @@ _LAID = 3  # times that an outline with a gap is laid onto its mirror image
 _GAP = 3.0  # median distances of points: behind a longer edge, a wall hid the outline
 
 
-def odd_part(points: Floats) -> Floats:
-    """Return the odd part of an outline about its own axis, at its points along their normals."""
-    return _on_mirror(points)[0]
+def on_mirror(points: Floats) -> tuple[Floats, float]:
+    """Return the odd part of an outline about its own axis, at its points along their normals, and the axis' angle.
 
-
-def tilt_of(points: Floats) -> float:
-    """Return the angle from z to the axis about which an outline is most symmetric [rad]."""
-    return _on_mirror(points)[1]
-
-
-def _on_mirror(points: Floats) -> tuple[Floats, float]:
-    """Lay an outline onto its mirror image, and return half its distances from it and half its turn."""
+    The axis is that about which it is most symmetric, the angle that from z [rad]. Laid onto its mirror image, an
+    outline is twice its odd part away from it, and turned by twice the angle.
+    """
     mirrored = points[::-1] * [1.0, -1.0]
     near = points - 0.5 * (points.max(axis=0) + points.min(axis=0)) * [0.0, 2.0]
     edges = edge_lengths(mirrored)

@@ -18,11 +18,13 @@ J. Soc. Ind. Appl. Math. 11, 431 (1963), doi:10.1137/0111030.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Self, TypeVar
 
 import numpy as np
+from numba import njit
 
 from capsbayes.arrays import Booleans, Floats, Integers
 
@@ -164,3 +166,39 @@ def minimise(
         damping[kept] = np.maximum(10.0 ** rejected[kept] * damping[kept], _FIRST_DAMPING)
         damping[moving[~there.inside & (predicted < _BETTER)]] = _MOST_DAMPING  # at the border of what is defined
     return here
+
+
+# Equations too small for a library's call
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def factorise(matrix, least=0.0):  # type: ignore[no-untyped-def]
+    """Replace a positive definite matrix (k, k) by its Cholesky factor, and return whether all pivots are firm.
+
+    A pivot is firm if subtraction leaves more than the share `least` of it.
+    """
+    firm = True
+    for a in range(len(matrix)):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= matrix[a, c] * matrix[b, c]
+            if a == b:
+                firm = firm and total > least * matrix[a, a]
+                matrix[a, a] = math.sqrt(max(total, 1e-15 * matrix[a, a]))
+            else:
+                matrix[a, b] = total / matrix[b, b]
+    return firm
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def substitute(factor, side):  # type: ignore[no-untyped-def]
+    """Replace a right-hand side (k,) by the solution of the equations whose matrix has this Cholesky factor."""
+    for a in range(len(side)):
+        for b in range(a):
+            side[a] -= factor[a, b] * side[b]
+        side[a] /= factor[a, a]
+    for a in range(len(side) - 1, -1, -1):
+        for b in range(a + 1, len(side)):
+            side[a] -= factor[b, a] * side[b]
+        side[a] /= factor[a, a]

@@ -17,7 +17,7 @@ from capsbayes.errors import InputError
 from capsbayes.files.csv_file import read_numbers, text_of_numbers
 from capsbayes.files.input_file import InputFile, Reader, checked_table, file_name, number, quantity, unread
 from capsbayes.files.output_file import together, write_file
-from capsbayes.footing import odd_part
+from capsbayes.footing import on_mirror
 from capsbayes.parameters import STATED
 from capsbayes.profile import arc_length, check_simple, signed_area
 from capsbayes.quantity import Given, Quantity, settle
@@ -155,11 +155,12 @@ _CHANCE = 1e-3  # that noise alone has an odd part as large: a larger one is non
 _OF_POSE = 2.0  # odd degrees of freedom that a shift and a turn take away
 
 
-def askew_size(points: Floats, noise: OutlineNoise) -> float:
+def askew_size(points: Floats, noise: OutlineNoise, odd: Floats | None = None) -> float:
     """Return the root mean square [l] of the odd part of an outline (m, 2) without noise; 0 where that explains it."""
+    odd = on_mirror(points)[0] if odd is None else odd
     # The noise of the odd part is half of two independent errors, its degrees of freedom are half of those of the noise
     # after Satterthwaite.
-    square, of_noise = float(np.nanmean(odd_part(points) ** 2)), 0.5 * noise.scale**2
+    square, of_noise = float(np.nanmean(odd**2)), 0.5 * noise.scale**2
     if square <= of_noise:
         return 0.0
     covariance = noise.covariance(points)

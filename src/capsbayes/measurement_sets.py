@@ -72,7 +72,7 @@ def gathered(
     return tuple(comparable), tuple(left_out)
 
 
-def known_experiment(path: Path, experiment: Experiment | str | Path | None) -> Experiment:
+def known_experiment(path: str | Path, experiment: Experiment | str | Path | None) -> Experiment:
     """Return the experiment that is given, read if it is a file; refuse none."""
     if experiment is None:
         advice = "say which with experiment=..., or --experiment"
@@ -530,24 +530,6 @@ class MeasuredLengths:
         if "axial_length" not in numbers:
             numbers.pop("axial_length_error", None)
         return _measurement_of(numbers, where)
-
-    @property
-    def lengths(self) -> Floats:
-        """L_z, L_a (NaN where missing) and the covariance zz, za, aa : (n, 5) array [l]."""
-        extent, error_z = self.numbers["axial_extent"], self.numbers["axial_extent_error"]
-        error_a = np.nan_to_num(self.numbers["axial_length_error"])
-        cross = np.nan_to_num(self.numbers["length_correlation"]) * error_z * error_a
-        return np.stack((extent, self.numbers["axial_length"], error_z**2, cross, error_a**2), axis=1)
-
-    @property
-    def rates(self) -> Floats:
-        """Flow rate (NaN where it is unknown) and its standard error : (n, 2) array [m^3/s]."""
-        return np.stack([self.numbers["flow_rate"], np.nan_to_num(self.numbers["flow_rate_error"])], axis=1)
-
-    @property
-    def velocities(self) -> Floats:
-        """v_o and its standard error : (n, 2) array [m/s]."""
-        return np.stack([self.numbers["capsule_velocity"], self.numbers["capsule_velocity_error"]], axis=1)
 
 
 def read_table(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:

@@ -138,25 +138,19 @@ def enlarged(outline: Floats, along: float, across: float) -> Floats:
 def distorted(outline: Floats, size: float) -> Floats:
     """Return the outline in the middle of a picture that a lens distorts, over the half width as seen there."""
     # A point at a distance r from the middle is seen at r (1 + size r^2).
-    middle = np.mean(Polygon(outline).bounds[::2])
-
-    def seen(points: Floats) -> Floats:
-        radial = points - [middle, 0.0]
-        return np.asarray(radial * (1.0 + size * np.sum(radial**2, axis=1, keepdims=True)) / (1.0 + size))
-
-    return _edge(shapely.transform(Polygon(outline), seen))
+    return _pictured(outline, lambda at: at * (1.0 + size * np.sum(at**2, axis=1, keepdims=True)) / (1.0 + size))
 
 
 def in_perspective(outline: Floats, size: float) -> Floats:
     """Return the outline in the middle of a picture of a tilted plane."""
     # Along a half width downstream the plane comes nearer to the lens by the share `size` of its distance.
+    return _pictured(outline, lambda at: at / (1.0 - size * at[:, :1]))
+
+
+def _pictured(outline: Floats, seen: Callable[[Floats], Floats]) -> Floats:
+    """Return the outline in the middle of a picture, as `seen` maps places from there."""
     middle = np.mean(Polygon(outline).bounds[::2])
-
-    def seen(points: Floats) -> Floats:
-        away = points - [middle, 0.0]
-        return np.asarray(away / (1.0 - size * away[:, :1]))
-
-    return _edge(shapely.transform(Polygon(outline), seen))
+    return _edge(shapely.transform(Polygon(outline), lambda points: np.asarray(seen(points - [middle, 0.0]))))
 
 
 def smooth_pattern(outline: Floats, seed: int) -> Floats:

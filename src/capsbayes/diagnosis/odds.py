@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -59,24 +59,14 @@ class Change(NamedTuple):
     def cosine(self, other: Change) -> float:
         """Return the cosine of the angle between two changes, over the capsules that have both."""
         rows = self.seen.keys() & other.seen.keys()
-        both, *each = (
-            sum(float(one.seen[row] @ two.seen[row]) for row in rows)
-            for one, two in ((self, other), (self, self), (other, other))
-        )
-        return both / np.sqrt(each[0] * each[1]) if min(each) > 0.0 else 0.0
+        own, size = (_inner(seen, seen, rows) for seen in (self.seen, other.seen))
+        return _inner(self.seen, other.seen, rows) / np.sqrt(own * size) if min(own, size) > 0.0 else 0.0
 
     def beside(self, other: Change) -> float:
         """Return how clearly another change shows in what this one leaves, in standard errors."""
         rows = self.seen.keys() & other.seen.keys()
-        left, along, own, size = (
-            sum(float(one[row] @ two[row]) for row in rows)
-            for one, two in (
-                (other.seen, self.left),
-                (other.seen, self.seen),
-                (self.seen, self.seen),
-                (other.seen, other.seen),
-            )
-        )
+        left, along = (_inner(other.seen, mine, rows) for mine in (self.left, self.seen))
+        own, size = (_inner(seen, seen, rows) for seen in (self.seen, other.seen))
         apart = size - along**2 / own if own > 0.0 else size
         return left / np.sqrt(apart) if apart > (1.0 - _ALIKE**2) * size > 0.0 else 0.0
 
@@ -93,6 +83,11 @@ class Change(NamedTuple):
         information = float(weights @ away**2)
         error = information + float(np.sum(np.square(own)))
         return score / np.sqrt(error), information**2 / error
+
+
+def _inner(one: Mapping[int, Floats], two: Mapping[int, Floats], rows: Collection[int]) -> float:
+    """Return the inner product of numbers (m,) by row over some of the rows."""
+    return sum(float(one[row] @ two[row]) for row in rows)
 
 
 def log_mean(logs: Floats, axis: int = 0) -> Floats:
@@ -142,8 +137,7 @@ class Odds:
         cls, explanations: Mapping[Names, Explanation], something_else: Discrepancy, session: Session, without: Fits
     ) -> Odds:
         """Weigh single effects and pairs of them, something else, and nothing."""
-        count = {many: sum(len(names) == many for names in explanations) for many in (1, 2)}
-        single = count[1]
+        single = sum(len(names) == 1 for names in explanations)
         prior = {1: np.log(_ONE / max(single, 1)), 2: np.log(_TWO / max(single * (single - 1) / 2.0, 1.0))}
         scale = something_else.scale if len(something_else.places) else 1.0
         exact = {names: prior[len(names)] + each.log_evidence for names, each in explanations.items()}
@@ -289,31 +283,25 @@ class _Drawn:
     ) -> _Drawn:
         rows = sorted(set.intersection(*({*change.seen} for change in changes.values())))
         outlines = dict(white.outlines(without.settled))
+        speed = np.log(session.circumstances["capsule_velocity"])
+        along = np.stack([speed, without.size, without.theta[:, 0]])[:, rows]
         units, growing = [], []
-        along = np.stack([np.log(session.circumstances["capsule_velocity"]), without.size, without.theta[:, 0]])[
-            :, rows
-        ]
         for change in changes.values():
             seen = [change.seen[row] for row in rows]
             weights = np.array([each @ each for each in seen])
             length = np.sqrt(weights.sum())
             units.append(np.concatenate(seen) / length)
-            growing.append(
-                [
-                    np.concatenate([by * each for by, each in zip(standardised(one, weights), seen, strict=True)])
-                    / length
-                    for one in along
-                ]
-            )
+            sizes = [standardised(one, weights) for one in along]
+            grown = [[by * each for by, each in zip(size, seen, strict=True)] for size in sizes]
+            growing.append([np.concatenate(each) / length for each in grown])
         own = np.array(units)
-        places = {row: number for number, (row, _) in enumerate(white.outlines(without.settled))}
         return cls(
             units=own,
             growing=np.array(growing),
             alike=np.abs(own @ own.T) > _ALIKE,
             bases=tuple(map(without.absorbed, rows)),
             modes=tuple(left_of_modes(outlines[row], without, row) for row in rows),
-            something_else=something_else.taken([places[row] for row in rows]),
+            something_else=something_else.taken([[*outlines].index(row) for row in rows]),
         )
 
     def free(self, residuals: Floats) -> Floats:
@@ -329,21 +317,16 @@ class _Drawn:
         best = np.argmax(exact, axis=0)
         left = residuals - self.units[best].T * size[best, columns]
         growth = np.einsum("NgD,DN->gN", self.growing[best], left)
-        likeness = self._likeness(left, visibility / self.something_else.scale)
+        likeness = self.something_else.like_shifts(self._shifts(left), visibility / self.something_else.scale)
         grown = log_mean(np.concatenate(_of_growth(growth, np.maximum(size[best, columns], 1.0) ** 2)))
         like = exact[best, columns] + log_mean(np.concatenate([likeness, grown[None]]))
         same = self.alike[best].T
         one, beside = np.log(_ONE / count), np.log(0.5 * _ELSE)
-        rest = [np.where(same, -np.inf, one + exact), (beside + self._something_else(residuals))[None]]
+        other = self.something_else.of_shifts(self._shifts(residuals))
+        rest = [np.where(same, -np.inf, one + exact), (beside + other)[None]]
         rest += [(beside - np.log(count) + like)[None], np.full((1, len(columns)), np.log(_NOTHING))]
         named = logsumexp(np.where(same, one + exact, -np.inf), axis=0)
         return named - logsumexp(np.concatenate(rest), axis=0), best
-
-    def _likeness(self, residuals: Floats, amplitude: float) -> Floats:
-        return self.something_else.like_shifts(self._shifts(residuals), amplitude)
-
-    def _something_else(self, residuals: Floats) -> Floats:
-        return self.something_else.of_shifts(self._shifts(residuals))
 
     def _shifts(self, residuals: Floats) -> Floats:
         """Return the information times the likeliest amplitudes of the displacement modes : (n, q, N) array."""

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
-from capsbayes.arrays import Booleans, Floats
+from capsbayes.arrays import Floats
 from capsbayes.diagnosis.fits import Fits, Trend, fitted, log_evidences, smooth_features
 from capsbayes.diagnosis.session import OfOutline, Session, Whitening, initial_guesses, whitened_at
 from capsbayes.model import Effect, ForwardModel, Unseen
@@ -235,12 +235,14 @@ def region_displacements(outline: Floats) -> Floats:
     """Return bumps of height one at each of the `REGIONS` of a closed outline (p, 2) from the nose : (5, p) array."""
     lengths = edge_lengths(outline)
     arc = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / lengths.sum()
-    upper = outline[:, 1] > 0.0
-    rims = [_farthest_back(outline, side) for side in (upper, ~upper)]
+    z, y = outline.T
+    upper = y > 0.0
+    rims = [np.argmin(np.where(side, z, np.inf)) for side in (upper, ~upper)]
     normal = vertex_normals(outline)
     flank = np.clip(normal[:, 1] * np.sign(outline[:, 1]), 0.0, 1.0) ** 4  # not the inner wall of the dimple
     rim = sum(_bump(arc, arc[place]) for place in rims)
-    rear = _bump(arc, _on_axis(outline, arc))
+    on_axis = np.argmin(np.where(z < z.mean(), np.abs(y), np.inf))
+    rear = _bump(arc, arc[on_axis])
     return np.stack([_bump(arc, 0.0), flank, np.minimum(rim, 1.0), rear, flank * np.sign(normal[:, 1])])
 
 
@@ -248,16 +250,6 @@ def _bump(arc: Floats, place: float) -> Floats:
     away = np.abs(arc - place)
     away = np.minimum(away, 1.0 - away)
     return np.asarray(np.exp(-0.5 * (away / _WIDTH) ** 2))
-
-
-def _farthest_back(outline: Floats, side: Booleans) -> int:
-    rows = np.flatnonzero(side)
-    return int(rows[np.argmin(outline[rows, 0])])
-
-
-def _on_axis(outline: Floats, arc: Floats) -> float:
-    rear = np.flatnonzero(outline[:, 0] < outline[:, 0].mean())
-    return float(arc[rear[np.argmin(np.abs(outline[rear, 1]))]])
 
 
 # Likelihood of a session under a model with an effect of a given size. The misfit of its best shape says how well the

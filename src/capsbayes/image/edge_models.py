@@ -16,6 +16,7 @@ from scipy.ndimage import correlate1d, gaussian_filter1d
 from scipy.special import ndtri, stdtrit
 
 from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.least_squares import factorise, substitute
 
 # The smooth curve through the points of an outline: its low harmonics
 
@@ -41,36 +42,6 @@ def smooth_curve(points: Floats) -> Floats:
 def waves(order: Floats, count: int) -> Complex:
     """Return harmonics at so many equal steps around : (count, k) array."""
     return np.asarray(np.exp(2j * np.pi * np.arange(count)[:, None] / count * order))
-
-
-# Equations too small for a library's call
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def factorise(matrix):  # type: ignore[no-untyped-def]
-    """Replace a positive definite matrix (k, k) by its Cholesky factor."""
-    for a in range(len(matrix)):
-        for b in range(a + 1):
-            total = matrix[a, b]
-            for c in range(b):
-                total -= matrix[a, c] * matrix[b, c]
-            if a == b:
-                matrix[a, a] = math.sqrt(max(total, 1e-15 * matrix[a, a]))
-            else:
-                matrix[a, b] = total / matrix[b, b]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def substitute(factor, side):  # type: ignore[no-untyped-def]
-    """Replace a right-hand side (k,) by the solution of the equations whose matrix has this Cholesky factor."""
-    for a in range(len(side)):
-        for b in range(a):
-            side[a] -= factor[a, b] * side[b]
-        side[a] /= factor[a, a]
-    for a in range(len(side) - 1, -1, -1):
-        for b in range(a + 1, len(side)):
-            side[a] -= factor[b, a] * side[b]
-        side[a] /= factor[a, a]
 
 
 # Stretches of an outline that a person erased: which points they hold, and the smooth curve that bridges them

@@ -19,7 +19,6 @@ from capsbayes.image.edge_models import (
     bridge_errors,
     bridged,
     curvatures,
-    factorise,
     fit_without_outliers,
     locate,
     low_harmonics,
@@ -32,7 +31,6 @@ from capsbayes.image.edge_models import (
     rounded,
     sampled,
     smooth_curve,
-    substitute,
     waves,
     wider_by_few,
 )
@@ -252,33 +250,14 @@ def _shifts(
     """Return the inward shift of each profile against the mean of its arc, and its variance for noise 1."""
     # differences of brightness and contrast are fitted with the shift; in a wide blur the three are much alike: each
     # has a normal distribution beforehand, wide where a picture tells them
-    shift, variance = np.empty(len(profiles)), np.empty(len(profiles))
     held = median(mean_squares(profiles, means, arc, used)) / np.square(_BEFOREHAND)
-    _shifted(profiles, arc, means, slopes, used, held, shift, variance)
-    return np.clip(shift, -1.5, 1.5), variance
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _shifted(profiles, arc, means, slopes, used, held, shift, variance):  # type: ignore[no-untyped-def]
-    """Fill in the coefficient of the slope by least squares in slope, mean and 1, and its variance."""
-    normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3)
-    for n in range(len(profiles)):
-        mean, slope, share = means[arc[n]], slopes[arc[n]], used[arc[n]]
-        normal[:], sides[:] = 0.0, 0.0
-        sides[0, 1] = 1.0
-        for i in range(len(mean)):
-            row[0], row[1], row[2] = share[i] * slope[i], share[i] * mean[i], share[i]
-            for a in range(3):
-                sides[a, 0] += row[a] * (profiles[n, i] - mean[i])
-                for b in range(3):
-                    normal[a, b] += row[a] * row[b]
-        ridge = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2])
-        for a in range(3):
-            normal[a, a] += ridge + held[a]
-        factorise(normal)
-        substitute(normal, sides[:, 0])
-        substitute(normal, sides[:, 1])
-        shift[n], variance[n] = sides[0, 0], sides[0, 1]
+    functions = used[:, None] * np.stack([slopes, means, np.ones_like(means)], axis=1)
+    normal = np.einsum("akm,ajm->akj", functions, functions)
+    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)
+    inverse = np.linalg.inv(normal + ridge[:, None, None] * np.eye(3) + np.diag(held))[:, 0]
+    weights = np.einsum("ak,akm->am", inverse, functions)
+    shift = np.sum(weights[arc] * (profiles - means[arc]), axis=1)
+    return np.clip(shift, -1.5, 1.5), inverse[arc, 0]
 
 
 def _blur_at(width: Floats, normals: Floats) -> tuple[Floats, Floats]:

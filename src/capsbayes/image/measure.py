@@ -14,7 +14,7 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import AREAS, Camera, Experiment
 from capsbayes.files.csv_file import text_of_numbers
 from capsbayes.files.output_file import together, write_file
-from capsbayes.footing import tilt_of
+from capsbayes.footing import on_mirror
 from capsbayes.image.background import (
     Contrast,
     are_misplaced,
@@ -336,9 +336,9 @@ _OF_ASKEW = np.array([2.0, 1.0])  # errors of L_z and L_a over the odd part: of 
 _LEVEL = 0.004  # rad: up to it, errors of the edge look like a turn
 
 
-def _of_turn(points: Floats) -> Floats:
+def _of_turn(points: Floats, turn: float) -> Floats:
     """Return how much less L_z and the distance of the nose are of an outline whose axis is turned back to the flow."""
-    if abs(turn := tilt_of(points)) < _LEVEL:
+    if abs(turn) < _LEVEL:
         return np.zeros(2)
     z, turned = points[:, 0], points @ [np.cos(turn), np.sin(turn)]
     return np.array([np.ptp(z) - np.ptp(turned), z.max() - turned.max()])
@@ -359,16 +359,18 @@ def measurement_of_lengths(
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
-    askew = askew_size(outline.points, outline.noise) if status.ok and outline is not None else 0.0
-    if askew > MOST_ASKEW:
-        status = Status.LOPSIDED
+    askew, of_turn = 0.0, np.zeros(2)
+    if status.ok and outline is not None:
+        odd, turn = on_mirror(outline.points)
+        askew, of_turn = askew_size(outline.points, outline.noise, odd), _of_turn(outline.points, turn)
+        status = Status.LOPSIDED if askew > MOST_ASKEW else status
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
     rear = np.isfinite(lengths[1]) and covariance[1, 1] < lengths[1] ** 2  # an error beyond its value tells nothing
     known = [0, 1] if rear else [0]
     scaled = lengths[known] * scale
-    ends = np.hypot(askew * _OF_ASKEW, 0.0 if outline is None else _of_turn(outline.points))[known]
+    ends = np.hypot(askew * _OF_ASKEW, of_turn)[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
     spread += np.outer(ends, ends)
     errors = np.sqrt(np.diag(spread))

@@ -56,6 +56,7 @@ from capsbayes.measurement_sets import (
     MeasuredLengths,
     is_recording,
     is_table_of_lengths,
+    known_experiment,
     measurement_files,
     opened,
     read_set,
@@ -167,7 +168,7 @@ def _fill(rows: CapsuleRows, row: int, measurement: Measurement, run: Run) -> No
     weights, x, y, spread = _likelihood(draws, run, posterior.density.inputs) if grid is None else grid.likelihood
     # a capsule's own viscosity and half width, over those of all, are not among what all share
     of_all = own if run.experiment is None else run.experiment
-    shift = [np.log(_centre(own, name) / _centre(of_all, name)) for name in _SHARED]
+    shift = [np.log(getattr(own, name).mean / getattr(of_all, name).mean) for name in _SHARED]
     filled["likelihood"] = np.empty((COMPONENTS, len(COMPONENT)))
     mixture(weights, x + shift[0], y + shift[1], filled["likelihood"])
     filled["likelihood"][:, COMPONENT.index("xx")] += spread
@@ -188,10 +189,6 @@ def _log_prior(prior: Quantity, logs: Floats) -> Floats:
     """Return the log density of log x, zero where it is highest; a draw beyond a range counts as within it."""
     density = prior.power * logs if prior.is_range else prior.log_weight(np.exp(logs))
     return density - density.max()
-
-
-def _centre(experiment: Experiment, name: str) -> float:
-    return getattr(experiment, name).mean
 
 
 def numbers_of(measurement: Measurement) -> dict[str, float]:
@@ -441,7 +438,7 @@ _EXACT_ROWS = 8  # of a table or a file of outlines in one task that takes the e
 def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> list[RowsTask]:
     """List the capsules of a run as tasks, in the order of the rows."""
     if isinstance(source, MeasuredLengths):
-        _check_experiment(run, source.source)
+        known_experiment(source.source, run.experiment)
         return _table(source, run, store)
     check_there(source)
     if source.is_dir():
@@ -453,7 +450,7 @@ def listed(source: Path | MeasuredLengths, run: Run, store: Store) -> list[RowsT
     if source.suffix not in (*SHEETS, ".parquet", ".nc"):
         expected = "a folder, a .csv, .xlsx, .parquet or .nc file"
         raise InputError(str(source), "", expected, f"a file that ends in {source.suffix or 'nothing'}")
-    _check_experiment(run, str(source))
+    known_experiment(source, run.experiment)
     if is_table_of_lengths(source):
         return _table(MeasuredLengths.read(source), run, store)
     measured = read_set(source, run.experiment)
@@ -469,15 +466,10 @@ def capsule_at(row: int, tasks: Sequence[RowsTask], run: Run) -> tuple[Measureme
     return tasks[number].capsule(row - int(ends[number]) + tasks[number].number, run)
 
 
-def _check_experiment(run: Run, source: str) -> None:
-    if run.experiment is None:
-        advice = "say which with experiment=..., or --experiment"
-        raise InputError(source, "experiment", "the experiment of the capsules", "nothing", advice)
-
-
 def _table(measured: MeasuredLengths, run: Run, store: Store) -> list[RowsTask]:
     """List the rows of a table; a velocity or flow rate that is hardly known is refused."""
-    for name, (value, error) in (("capsule_velocity", measured.velocities.T), ("flow_rate", measured.rates.T)):
+    for name in ("capsule_velocity", "flow_rate"):
+        value, error = measured.numbers[name], measured.numbers[f"{name}_error"]
         expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {name.rpartition('_')[2]}"
         measured = measured.refused(error > LOOSEST_VELOCITY * value, f"{name}_error", expected)
     rows = _EXACT_ROWS if run.model.coordinates or run.prior.is_general else ROWS

@@ -201,23 +201,15 @@ _FARTHEST = 3.0  # standard errors between the lengths and the nearest shape of 
 def with_other_laws(posterior: Posterior) -> Posterior:
     """Return a posterior of one law with the range of G_s over others, where the cross-section has a model of them."""
     try:
-        model = _opened(posterior.experiment.cross_section)
+        model = prepare(posterior.experiment.cross_section).result()
     except DatabaseError:
         return posterior
     return replace(posterior, modulus_over_laws=modulus_over_laws(posterior.measurement, posterior.experiment, model))
 
 
-def prepare(cross_section: str) -> None:
-    """Begin to open the model that `with_other_laws` needs, on another processor while this one samples."""
-    _begun(cross_section)
-
-
-def _opened(cross_section: str) -> MembraneSurrogate:
-    return _begun(cross_section).result()
-
-
 @functools.cache
-def _begun(cross_section: str) -> Future[MembraneSurrogate]:
+def prepare(cross_section: str) -> Future[MembraneSurrogate]:
+    """Begin to open the model that `with_other_laws` needs, on another processor while this one samples."""
     from capsbayes.surrogate import MembraneSurrogate  # slow to import
 
     thread = ThreadPoolExecutor(1)
@@ -336,35 +328,22 @@ def _variance(posterior: ExactPosterior, quantity: str) -> float:
 def _each_halved(
     engine: ExactEngine, measurement: Measurement, posterior: ExactPosterior
 ) -> Iterator[tuple[str, ExactPosterior]]:
-    inputs = posterior.density.inputs
+    inputs, outline = posterior.density.inputs, measurement.outline
     again = engine_near(engine, posterior)
-    if measurement.outline is not None:
-        noise = measurement.outline.noise
-        sharper = replace(measurement.outline, noise=replace(noise, scale=0.5 * noise.scale))
+    if outline is None:
+        half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
+        yield "axial_extent", again(half, inputs=inputs)
+        error = measurement.axial_length_error
+    else:
+        sharper = replace(outline, noise=replace(outline.noise, scale=0.5 * outline.noise.scale))
         yield "outline", again(replace(measurement, outline=sharper), inputs=inputs)
-        if measurement.length_with_outline is not None:
-            half = replace(measurement, axial_length_error=0.5 * measurement.length_with_outline[1])
-            yield "axial_length", again(half, inputs=inputs)
-        if posterior.density.by_thickness:
-            yield from _of_half_width(again, measurement, posterior)
-        yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
-        return
-    half = replace(measurement, axial_extent_error=0.5 * measurement.axial_extent_error)
-    yield "axial_extent", again(half, inputs=inputs)
-    if measurement.axial_length_error is not None:
-        half = replace(measurement, axial_length_error=0.5 * measurement.axial_length_error)
-        yield "axial_length", again(half, inputs=inputs)
-    yield from _of_half_width(again, measurement, posterior)
-    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
-
-
-def _of_half_width(
-    again: Callable[..., ExactPosterior], measurement: Measurement, posterior: ExactPosterior
-) -> Iterator[tuple[str, ExactPosterior]]:
-    if posterior.density.shape_depends_on_half_width:
-        inputs = posterior.density.inputs
+        error = None if measurement.length_with_outline is None else measurement.length_with_outline[1]
+    if error is not None:
+        yield "axial_length", again(replace(measurement, axial_length_error=0.5 * error), inputs=inputs)
+    if posterior.density.shape_depends_on_half_width and (outline is None or posterior.density.by_thickness):
         narrow = replace(inputs, half_width=inputs.half_width.rescaled(inputs.half_width.value, 0.5))
         yield "half_width", again(measurement, inputs=narrow)
+    yield "surrogate", again(measurement, inputs=inputs, error_scale=0.5)
 
 
 # From a measurement to the posterior of the capsule

@@ -620,25 +620,16 @@ class Posterior:
             groups["posterior_predictive"] = outline.to_dataset(name="outline")
         if self.resimulation is not None:
             groups[RESIMULATED] = self.resimulation.dataset()
-        inputs = {
-            name: stated for name, stated in self._inputs().items() if isinstance(stated, dict) and "value" in stated
-        }
-        seen = {name: stated for name, stated in inputs.items() if stated["value"] is not None}
+        stated = self._inputs().items()
+        seen = {name: each for name, each in stated if isinstance(each, dict) and each.get("value") is not None}
+        values = {name: ((), each["value"], {"units": each["unit"]}) for name, each in seen.items()}
+        errors = {f"{name}_error": ((), each["error"], {"units": each["unit"]}) for name, each in seen.items()}
         measured = ("axial_extent", "axial_length", "capsule_velocity", "flow_rate")
-        groups["observed_data"] = xr.Dataset(
-            {name: ((), seen[name]["value"], {"units": seen[name]["unit"]}) for name in measured if name in seen}
-        )
+        groups["observed_data"] = xr.Dataset({name: values.pop(name) for name in measured if name in values})
         if self.measurement.outline is not None:
             points = self.measurement.outline.points, {"units": "l", "long_name": "measured outline, columns (z, y)"}
             groups["observed_data"]["outline"] = (("measured_point", "plane"), *points)
-        groups["constant_data"] = xr.Dataset(
-            {f"{name}_error": ((), stated["error"], {"units": stated["unit"]}) for name, stated in seen.items()}
-            | {
-                name: ((), stated["value"], {"units": stated["unit"]})
-                for name, stated in seen.items()
-                if name not in measured
-            }
-        )
+        groups["constant_data"] = xr.Dataset(errors | values)
         return groups
 
     def write(self, path: str | Path, *, work: str = "") -> Path:

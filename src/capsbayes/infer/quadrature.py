@@ -238,8 +238,7 @@ def _no_shape_in(prior: Prior, density: PosteriorDensity, nodes: Nodes, where: s
 
 def _log_density(table: CoarseTable, density: PosteriorDensity) -> Floats:
     """Return the log posterior density at the nodes of a table."""
-    at = table.nodes.model, table.nodes.log_ca, table.nodes.size
-    return density.log_density(*at) + density.log_share(*at)
+    return density.log_of_nodes(table.nodes.model, table.nodes.log_ca, table.nodes.size)
 
 
 def _over(likely: Booleans, first: Window, window: Window) -> Booleans:
@@ -305,13 +304,9 @@ def _resolution(posterior: GridPosterior) -> Resolution:
 def _farthest_off(posterior: GridPosterior, there: tuple[float, float]) -> float:
     """Return the distance of the likeliest shape from another, along log Ca or a/l, in standard deviations."""
     weights = posterior.weights.sum(axis=0)
+    nodes, (ca, size) = posterior.nodes, posterior.likeliest
     off = []
-    for values, here, other in zip(
-        (posterior.nodes.log_ca, posterior.nodes.size),
-        (np.log(posterior.likeliest[0]), posterior.likeliest[1]),
-        (np.log(there[0]), there[1]),
-        strict=True,
-    ):
+    for values, here, other in ((nodes.log_ca, np.log(ca), np.log(there[0])), (nodes.size, size, there[1])):
         mean = weights @ values / weights.sum()
         off.append(abs(here - other) / np.sqrt(weights @ (values - mean) ** 2 / weights.sum()))
     return float(max(off))

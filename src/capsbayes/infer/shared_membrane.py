@@ -741,7 +741,8 @@ def identify_membrane(
         capsules = with_model_error(capsules, unknowns)
         under = {NONE_OF_THEM: unknowns}
         if laws:
-            under |= {name: unknowns.fixed(fixed) for name, fixed in _possible(unknowns)}
+            free = {one.name for one in unknowns.coordinates}  # laws that what is known leaves open
+            under |= {name: unknowns.fixed(fixed) for name, fixed in LAWS.items() if fixed and free.issuperset(fixed)}
         results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
     sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
@@ -755,7 +756,7 @@ def identify_membrane(
         lengths=np.array(
             [[m.axial_extent, np.nan if m.axial_length is None else m.axial_length] for m in measurements]
         ),
-        misfit=_misfit_of_each(batch, draws["misfit"]),
+        misfit=np.sqrt((np.median(draws["misfit"], axis=0) + batch.left) / np.maximum(batch.known, 1)),
         laws=with_odds([(name, *each) for name, each in zip(under, results, strict=True)]) if laws else (),
         prior=prior_of_each,
         leaning=range_leanings(draws, model.coordinates, prior_of_each),
@@ -854,12 +855,6 @@ def unknowns_of(
     return Unknowns.of(coordinates, known, spreads)
 
 
-def _possible(unknowns: Unknowns) -> list[tuple[str, Mapping[str, float]]]:
-    """Return the laws that what is known of the membrane leaves open."""
-    free = {one.name for one in unknowns.coordinates}
-    return [(name, fixed) for name, fixed in LAWS.items() if fixed and free.issuperset(fixed)]
-
-
 def _drawn_membranes(
     capsules: Capsules, unknowns: Unknowns, sampled: Sampled, experiment: Experiment, seed: int
 ) -> dict[str, Floats]:
@@ -906,8 +901,7 @@ def _seen(capsules: Capsules, membranes: Mapping[str, Floats], own: Floats) -> d
     """Return Ca of the capsules, and what is predicted of them : (d, n) arrays."""
     theta = capsules.model.theta(membranes, own)
     predicted = capsules.model.model(theta)
-    names = ("axial_extent", "axial_length", "velocity_ratio")
-    flat = {name: getattr(predicted, name) for name in names} | {"capillary_number": theta["capillary_number"]}
+    flat = {name: getattr(predicted, name) for name in PREDICTED} | {"capillary_number": theta["capillary_number"]}
     return {f"{name}_each": values.reshape(own.shape[:2]) for name, values in flat.items()}
 
 
@@ -948,11 +942,6 @@ def _misfit_gate(batch: Batch, misfit: Floats) -> Gate:
     # chi squared with all the numbers measured: where the model is right, the probability is seldom small.
     square = misfit.sum(axis=1) + batch.left.sum()
     return Gate.of_p_value(MISFIT, float(stats.chi2.sf(square, int(batch.known.sum())).mean()))
-
-
-def _misfit_of_each(batch: Batch, misfit: Floats) -> Floats:
-    """Return the root mean square difference of each shape in standard errors : (n,) array."""
-    return np.asarray(np.sqrt((np.median(misfit, axis=0) + batch.left) / np.maximum(batch.known, 1)))
 
 
 def _status(gates: Sequence[Gate]) -> Status:

@@ -331,9 +331,7 @@ def carried(problem: Problem, start: Iterate, capillary_number: float, size_rati
     # Where that leads to no state nearby, the residual that the start has there is removed in shares, each of which is
     # halved until the iteration converges.
     here = replace(_scaled(start, size_ratio), capillary_number=capillary_number)
-    trial = _near(problem, here, _FARTHEST)
-    if trial is None:
-        trial = _in_shares(problem, here)
+    trial = _near(problem, here, _FARTHEST) or _in_shares(problem, here)
     if trial is None:
         residual = steady_residual(problem, here)
         failed = NewtonResult(start, False, float(np.max(np.abs(residual))), 0, np.zeros_like(residual))
@@ -477,7 +475,8 @@ def _at_once(problem: Problem, start: NewtonResult, capillary_number: float) -> 
     """Return the state of a branch at another Ca by one step along the tangent, None if it is too far."""
     if abs(np.log(capillary_number / start.iterate.capillary_number)) > _AT_ONCE:
         return None
-    predicted = _predicted(start, capillary_number)
+    moved = start.iterate.moved(start.tangent * (capillary_number - start.iterate.capillary_number))
+    predicted = replace(moved, capillary_number=capillary_number)
     return _near(problem, predicted, 0.002 + 0.3 * _displacement(problem, predicted, start.iterate))
 
 
@@ -503,12 +502,6 @@ def _along_ca(problem: Problem, start: NewtonResult, capillary_number: float) ->
             return BranchEnd(point.result, Status.UNRESOLVED, here.capillary_number)
         before = point
     return BranchEnd(start if before is None else before.result, Status.NOT_CONVERGED)
-
-
-def _predicted(last: NewtonResult, capillary_number: float) -> Iterate:
-    """Move a state along its tangent to another Ca."""
-    moved = last.iterate.moved(last.tangent * (capillary_number - last.iterate.capillary_number))
-    return replace(moved, capillary_number=capillary_number)
 
 
 def _near(problem: Problem, start: Iterate, distance: float, offset: Floats | None = None) -> NewtonResult | None:

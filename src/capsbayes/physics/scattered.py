@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -311,8 +311,7 @@ def _grown(
 def _tried_again(
     continuation: Continuation, store: Store, near: ScatteredState, place: Floats
 ) -> ScatteredState | None:
-    name = f"again-{digest_of(place, near.place)[:24]}"
-    return _from_near(continuation, store, name, near, place)
+    return _from_near(continuation, store, f"again-{digest_of(place, near.place)[:24]}", near, place)
 
 
 def _from_near(
@@ -340,13 +339,9 @@ def kept_state(store: Store, name: str, compute: Callable[[], ScatteredState | N
     """Return a state of the store, computed and saved first if it is not there."""
     if not store.holds(name):
         with threadpool_limits(limits=1):
-            _save(store, name, compute())
+            state = compute()
+        store.save(name, {"reached": state is not None, **({} if state is None else vars(state))})
     return _stored(store, name)
-
-
-def _save(store: Store, name: str, state: ScatteredState | None) -> None:
-    values = {} if state is None else {item.name: getattr(state, item.name) for item in fields(state)}
-    store.save(name, {"reached": state is not None, **values})
 
 
 def _stored(store: Store, name: str) -> ScatteredState | None:

@@ -3,19 +3,14 @@
 import importlib
 from typing import Any
 
-_HOMES = {
-    "budget_figure": "plan",
-    "corner_plot": "posterior_figures",
-    "flow_figure": "plan",
-    "identifiability_figure": "plan",
-    "opened": "write",
-    "outline_figure": "posterior_figures",
-    "outline_plot": "posterior_figures",
-    "sobol_figure": "plan",
-    "study_page": "study_figures",
-    "verdict_sentence": "study",
-    "write_report": "write",
+_NAMES = {
+    "plan": ("budget_figure", "flow_figure", "identifiability_figure", "sobol_figure"),
+    "posterior_figures": ("corner_plot", "outline_figure", "outline_plot"),
+    "study": ("verdict_sentence",),
+    "study_figures": ("study_page",),
+    "write": ("opened", "write_report"),
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names}
 """Module of each public name; it is imported when the name is first used, for a table needs no page."""
 
 __all__ = list(_HOMES)

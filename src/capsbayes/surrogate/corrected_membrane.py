@@ -158,11 +158,10 @@ class CorrectedMembrane(ForwardModel):
         """Return where both the finer model and the joint one hold, or where this does not matter."""
         known, rows = np.ones(len(weight), dtype=np.bool_), np.flatnonzero(np.abs(weight) > _NOTHING)
         if len(rows):
-            finer, there = self._finer(names), values[rows]
+            finer, there = self._finer(names), _theta(values[rows], names)
             assert finer is not None, "asked for what is known"
-            columns = [_column(there, name) for name in (*FREE_PARAMETERS[:_OF_FLOW], *names)]
-            inside = finer.domain.contains(*columns)
-            known[rows] = inside & self.joint.domain.contains(*_alone(there, names).T)
+            inside = finer.domain.contains(*there.values())
+            known[rows] = inside & self.joint.domain.contains(*parameter_columns(there).T)
         return known
 
 
@@ -192,14 +191,6 @@ def _chosen(differ: Booleans) -> Names:
 
 def _column(values: Floats, name: str) -> Floats:
     return values[:, FREE_PARAMETERS.index(name)]
-
-
-def _alone(values: Floats, names: Names) -> Floats:
-    """Return the parameters (n, 6) with all of the membrane but the named ones at those of the plain one."""
-    alone = np.tile(np.array(NULL_VALUES), (len(values), 1))
-    for name in (*FREE_PARAMETERS[:_OF_FLOW], *names):
-        alone[:, FREE_PARAMETERS.index(name)] = _column(values, name)
-    return alone
 
 
 def _theta(values: Floats, names: Names) -> dict[str, Floats]:

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Booleans, Floats
+from capsbayes.least_squares import factorise, substitute
 
 # Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
 #
@@ -191,36 +192,6 @@ def _monomials(x, y, degree, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _factorise(a, n):  # type: ignore[no-untyped-def]
-    """Factorise in place (Cholesky); return False when the matrix is singular to working precision."""
-    for j in range(n):
-        top = a[j, j]
-        for k in range(j):
-            a[j, j] -= a[j, k] ** 2
-        if not a[j, j] > SMALLEST_PIVOT * top:
-            return False
-        a[j, j] = np.sqrt(a[j, j])
-        for i in range(j + 1, n):
-            for k in range(j):
-                a[i, j] -= a[i, k] * a[j, k]
-            a[i, j] /= a[j, j]
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _solve(a, n, b):  # type: ignore[no-untyped-def]
-    """Overwrite b with the solution, from the Cholesky factor a."""
-    for i in range(n):
-        for k in range(i):
-            b[i] -= a[i, k] * b[k]
-        b[i] /= a[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= a[k, i] * b[k]
-        b[i] /= a[i, i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore[no-untyped-def]
     """Fill in the nodes that reach (u, v), their weights and gradients; return their number and largest distance."""
     count, farthest = 0, 0.0
@@ -266,13 +237,13 @@ def _shape_functions(queries, nodes, radii, degree, softening, share, gradient):
                 weighed, across = weight[i] * row[j], moment[j]
                 for k in range(j + 1):
                     across[k] += weighed * row[k]
-        if count < terms or not _factorise(moment, terms):
+        if count < terms or not factorise(moment, SMALLEST_PIVOT):
             share[q] = np.nan
             gradient[:, q] = np.nan
             continue
         solution[:] = 0.0
         solution[0, 0] = 1.0
-        _solve(moment, terms, solution[0])
+        substitute(moment, solution[0])
         for k in range(len(gradient)):
             if terms > 1:  # a constant has no slope of its own, only that of its weights
                 solution[k + 1, k + 1] = 1.0 / scale
@@ -280,7 +251,7 @@ def _shape_functions(queries, nodes, radii, degree, softening, share, gradient):
                 factor = slope[i, k] * _dot(solution[0], basis[i])
                 for j in range(terms):
                     solution[k + 1, j] -= factor * basis[i, j]
-            _solve(moment, terms, solution[k + 1])
+            substitute(moment, solution[k + 1])
         for i in range(count):
             plain = _dot(solution[0], basis[i])
             share[q, near[i]] = weight[i] * plain
