@@ -110,6 +110,18 @@ def test_a_measurement_and_a_table_are_over_l_with_the_errors_of_both(tmp_path):
     assert table.loc["Lambda", "error_over_l"] == pytest.approx(integrals.stretch_ratio.error)
 
 
+def test_the_difference_of_the_lengths_of_a_sheared_capsule_is_as_unsure_as_it_is_wrong():
+    still, empty = measured(PARACHUTE.picture, PARACHUTE.background), np.maximum(PARACHUTE.background, 1.0)
+    rows, columns = (np.arange(count) for count in empty.shape)
+    late = 4.0 / seen(PARACHUTE).lengths[3] * (rows - rows.mean())  # rows that are read one after the other
+    share = PARACHUTE.picture / empty
+    moved = [np.interp(columns - way, columns, line) for way, line in zip(late, share, strict=True)]
+    sheared = measured(np.rint(np.array(moved) * empty).clip(0, 255).astype(np.uint8), PARACHUTE.background)
+    away, apart = sheared.lengths - still.lengths, np.array([1.0, -1.0])
+    assert away[0] > 3.0 * abs(away[1])
+    assert abs(away @ apart) < 1.96 * np.sqrt(apart @ sheared.covariance @ apart)
+
+
 ALONE, SECOND = (drawn(0.1, 0.9, half_width=50.0, shape=(200, 300), centre=(x, 99.5)) for x in (90.0, 220.0))
 FLAT = np.full_like(ALONE.picture, 150)
 

@@ -372,7 +372,7 @@ def measurement_of_lengths(
     scaled = lengths[known] * scale
     ends = np.hypot(askew * _OF_ASKEW, of_turn)[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
-    spread += np.outer(ends, ends)
+    spread += np.diag(ends**2)  # what a shear does to L_z tells nothing of L_a
     errors = np.sqrt(np.diag(spread))
     measured = Measurement(
         axial_extent=float(scaled[0]),
