@@ -75,8 +75,9 @@ def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[Vie
     return replace(view, looks=looks), replace(camera, blur=random.uniform(0.7, 2.0))
 
 
+PLAIN = camera()
 CONDITIONS: dict[str, Change] = {
-    "none": camera(),
+    "none": PLAIN,
     "motion 1 px": camera(motion=1.0),
     "motion 3 px": camera(motion=3.0),
     "motion 6 px": camera(motion=6.0),
@@ -111,10 +112,10 @@ class Taken(NamedTuple):
     empty: Grey
 
 
-def taken(cases: Database, number: int, names: Iterable[str]) -> Iterable[tuple[str, Taken]]:
-    """Return the pictures of one capsule, drawn at random by its number, under some conditions."""
+def taken(cases: Database, number: int, names: Iterable[str], optics: Change = PLAIN) -> Iterable[tuple[str, Taken]]:
+    """Return the pictures of one capsule, drawn at random by its number, in some optics under some conditions."""
     random = np.random.default_rng([2026, number])
-    view, plain = scenery(cases, random)
+    view, plain = optics(*scenery(cases, random), np.random.default_rng([5, number]))
     for name in names:
         shown, chosen = CONDITIONS[name](view, plain, np.random.default_rng([7, number]))
         yield name, Taken(shown, *photograph(shown, chosen, seed=number))

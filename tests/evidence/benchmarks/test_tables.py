@@ -26,6 +26,7 @@ from evidence.benchmarks import (
     mutation,
     off_axis,
     omitted_effects,
+    picture_moduli,
     picture_sessions,
     population_coverage,
     silhouettes,
@@ -47,7 +48,7 @@ BENCHMARKS = (
         membrane_batches,
         membrane_coverage,
     ),
-    *(membrane_effects, membrane_sensitivity, mutation, off_axis, omitted_effects, picture_sessions),
+    *(membrane_effects, membrane_sensitivity, mutation, off_axis, omitted_effects, picture_moduli, picture_sessions),
     *(population_coverage, silhouettes, speed),
 )
 STORED = [module.STORED for module in BENCHMARKS] + [membrane_sensitivity.SAME, membrane_sensitivity.MAP]
@@ -69,6 +70,11 @@ def test_tables_have_every_row():
     assert all(row["wall"] > 0.0 < row["processor"] for row in stored(speed).values())
     assert list(stored(conditions)) == list(conditions.CONDITIONS)
     assert {sum(numbers["statuses"].values()) for numbers in stored(conditions).values()} == {100}
+    assert list(stored(picture_moduli)) == [f"all, {optics}" for optics in picture_moduli.OPTICS] + [
+        *picture_moduli.NAMES
+    ]
+    pictures = [row["pictures"] for row in stored(picture_moduli).values()]
+    assert {row["n"] + sum(row["refused"].values()) for row in pictures} == {80, 1200}
     assert sum(row["n"] + len(row["omitted"]) for row in stored(silhouettes).values()) >= 80
     assert len(stored(film_silhouettes)) >= 40
     assert len(stored(off_axis)) == len(off_axis.CAPSULES)
