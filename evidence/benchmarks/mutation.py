@@ -88,10 +88,6 @@ EQUIVALENT = {
         "image/edges.py",
         "samples = np.arange(-reach, reach + 1.0)  # positive inwards: 1.0 -> 1.5",
     ): "no window holds the sample that is added",
-    (
-        "image/edges.py",
-        "normal, sides, row = np.empty((3, 3)), np.empty((3, 2)), np.empty(3): 2 -> 3",
-    ): "a right-hand side of which nothing reads the solution",
 }
 """Mutants that change no result, with the reason, by module and name. A mutant that is killed is none of them."""
 
