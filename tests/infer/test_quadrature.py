@@ -10,7 +10,9 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import CoarseTable, Window
 from capsbayes.infer.prior import Inputs, Prior
 from capsbayes.infer.quadrature import Quadrature
+from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
+from capsbayes.surrogate import Surrogate
 
 
 def brute_force(quadrature, seen, experiment, shape=(1500, 1500), prior=None):
@@ -100,6 +102,19 @@ def test_the_grid_follows_posteriors_of_any_width(model, experiment, capsule):
         seen = replace(capsule, axial_extent_error=error, axial_length_error=error)
         posterior = quadrature(seen, error_scale=0.01 if error < 1e-2 else 1.0)
         assert all(gate.passed for gate in posterior.gates), (error, posterior.window)
+
+
+def test_a_narrow_posterior_with_a_likely_shape_far_off_is_resolved():
+    # the cells that carry a posterior reach over two units of log Ca, its standard deviation is 0.016
+    lengths = {"axial_length": 1.5348, "axial_length_error": 0.00214, "length_correlation": 0.58}
+    velocity = {"capsule_velocity": 5.368e-3, "capsule_velocity_error": 5.4e-5}
+    capsule = Measurement(1.77148, axial_extent_error=0.00275, **lengths, **velocity)
+    channel = Experiment(cross_section="square", half_width=50e-6, viscosity=Quantity(0.7, 0.007, "Pa s"))
+    posterior = Quadrature(Surrogate.open("square-neo-hookean"), channel)(capsule)
+    assert all(gate.passed for gate in posterior.gates)
+    log_ca = posterior.log_marginal("capillary_number")
+    assert posterior.window.high[0] - posterior.window.low[0] > 100.0 * log_ca.sd
+    assert log_ca.median == pytest.approx(np.log(0.0698), abs=0.01)
 
 
 def test_known_inputs_leave_the_spread_of_the_shape(model, capsule):
