@@ -140,9 +140,8 @@ def answer(shot: Taken, cases: Database, models: dict[str, Surrogate], errors: F
     ca, ratio = (float(cases[name][case]) for name in ("capillary_number", "velocity_ratio"))
     modulus = (VISCOSITY.value + VISCOSITY.error * errors[0]) * FLOW / ca
     velocity = FLOW * ratio * (1.0 + OF_VELOCITY * errors[1])
-    measured = measurement_of(
-        detection, Picture.from_array(shot.picture), EXPERIMENT, Quantity(velocity, OF_VELOCITY * FLOW * ratio, "m/s")
-    )
+    seen = Quantity(velocity, OF_VELOCITY * FLOW * ratio, "m/s")
+    measured = measurement_of(detection, picture, EXPERIMENT, seen)
     if not measured.status.ok:
         return {"refused": measured.status.name}
     away = measured.axial_extent - shot.view.axial_extent / shot.view.half_width
@@ -151,7 +150,7 @@ def answer(shot: Taken, cases: Database, models: dict[str, Surrogate], errors: F
     ways = {"silhouette": measured, "lengths": replace(measured, outline=None)}
     if measured.outline is None:
         del ways["silhouette"]
-    return extent | {way: told(seen, models[way], truth) for way, seen in ways.items()}
+    return extent | {way: told(by, models[way], truth) for way, by in ways.items()}
 
 
 def told(measured: Measurement, model: Surrogate, truth: dict[str, float]) -> dict[str, Any]:
