@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from drawn import drawn
+from matplotlib import font_manager
 
 MAIN = """
 import atexit
@@ -62,6 +63,7 @@ REFUSED = (
 
 @pytest.mark.parametrize("words", FILLING)
 def test_a_full_disk_ends_in_one_line_and_leaves_nothing(here, words):
+    font_manager.findfont("STIXGeneral")  # writes the list of fonts, which the limit would cut off
     before = {path.name for path in here.iterdir()} | {".err", ".peak"}
     status, lines, _, _ = ended(here, words, 2000)
     assert status == 2, lines
