@@ -67,11 +67,14 @@ def overlapping(view: View, camera: Camera, random: np.random.Generator) -> tupl
     return beside(wider, along, across), camera
 
 
+def rings(random: np.random.Generator) -> dict[str, float]:
+    """Return the looks of rings of 4 to 7 px and any phase."""
+    return {"ring": random.uniform(4.0, 7.0), "ring_phase": random.uniform(0.0, 2.0 * np.pi)}
+
+
 def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
     """Add rings of 4 to 7 px and any phase in a halo of a tenth to a quarter of the light; blur by 0.7 to 2 px."""
-    rings = {"halo": random.uniform(0.1, 0.25), "ring": random.uniform(4.0, 7.0)}
-    rings["ring_phase"] = random.uniform(0.0, 2.0 * np.pi)
-    looks = replace(view.looks, **rings, halo_width=random.uniform(1.5, 4.0))
+    looks = replace(view.looks, halo=random.uniform(0.1, 0.25), **rings(random), halo_width=random.uniform(1.5, 4.0))
     return replace(view, looks=looks), replace(camera, blur=random.uniform(0.7, 2.0))
 
 

@@ -25,7 +25,7 @@ from capsbayes.image.measure import detect, measurement_of
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from evidence.benchmarks.camera import Camera, Floats, Grey, View
-from evidence.benchmarks.conditions import CONDITIONS, HALF_WIDTH, PLAIN, Taken, taken
+from evidence.benchmarks.conditions import CONDITIONS, HALF_WIDTH, PLAIN, Taken, rings, taken
 from evidence.benchmarks.counts import LEVELS, NORMAL_ENDS, percent
 from evidence.benchmarks.membrane_batches import held
 from evidence.benchmarks.membrane_coverage import NOT_TO_BE_USED
@@ -45,13 +45,13 @@ HEAD = (
 )
 
 
-def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+def finely_ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
     """Add rings of 4 to 7 px and any phase in a halo of 5 to 15 %."""
-    rings = {"ring": random.uniform(4.0, 7.0), "ring_phase": random.uniform(0.0, 2.0 * np.pi)}
-    return replace(view, looks=replace(view.looks, halo=random.uniform(0.05, 0.15), **rings)), camera
+    looks = replace(view.looks, **rings(random), halo=random.uniform(0.05, 0.15))
+    return replace(view, looks=looks), camera
 
 
-OPTICS = {"without rings": PLAIN, "with rings": ringed}
+OPTICS = {"without rings": PLAIN, "with rings": finely_ringed}
 
 Fault = Callable[[Grey, Grey, View, np.random.Generator], tuple[Grey, Grey]]
 
@@ -122,12 +122,14 @@ def rows(cases: Database, models: dict[str, Surrogate], number: int) -> dict[str
     for name, fault in FAULTS.items():
         pictures = fault(plain.picture, plain.empty, plain.view, np.random.default_rng([11, number]))
         shots[name] = Taken(plain.view, *pictures)
+    case = int(np.argmin([np.ptp(profile - plain.view.capsules[0].profile) for profile in cases["profile"]]))
+    ca, ratio = (float(cases[name][case]) for name in ("capillary_number", "velocity_ratio"))
     errors = np.random.default_rng([3, number])
-    return {name: answer(shot, cases, models, errors.standard_normal(2)) for name, shot in shots.items()}
+    return {name: answer(shot, ca, ratio, models, errors.standard_normal(2)) for name, shot in shots.items()}
 
 
-def answer(shot: Taken, cases: Database, models: dict[str, Surrogate], errors: Floats) -> dict[str, Any]:
-    """Measure a picture and identify its capsule by each way; return why not, where it is refused.
+def answer(shot: Taken, ca: float, ratio: float, models: dict[str, Surrogate], errors: Floats) -> dict[str, Any]:
+    """Measure a picture of a capsule of known Ca and v_o/U and identify it by each way; return why not, if refused.
 
     `errors` are those of the viscosity and of the velocity, in standard errors.
     """
@@ -136,8 +138,6 @@ def answer(shot: Taken, cases: Database, models: dict[str, Surrogate], errors: F
         detection = detect(picture, background=Picture.from_array(shot.empty))
     except InputError:
         return {"refused": "the empty channel"}
-    case = int(np.argmin([np.ptp(profile - shot.view.capsules[0].profile) for profile in cases["profile"]]))
-    ca, ratio = (float(cases[name][case]) for name in ("capillary_number", "velocity_ratio"))
     modulus = (VISCOSITY.value + VISCOSITY.error * errors[0]) * FLOW / ca
     velocity = FLOW * ratio * (1.0 + OF_VELOCITY * errors[1])
     seen = Quantity(velocity, OF_VELOCITY * FLOW * ratio, "m/s")

@@ -85,6 +85,18 @@ def test_tables_have_every_row():
     assert list(stored(mutation)) == list(mutation.ROOMS)
 
 
+def test_moduli_from_pictures_are_missed_where_the_page_says():
+    def missed(way):
+        for name, row in stored(picture_moduli).items():
+            number = row[way]["n"]
+            least = stats.binom.ppf(0.025, number, 0.95)
+            if number <= 80 and min(row[way][f"{quantity} 95"] for quantity in picture_moduli.QUANTITIES) < least:
+                yield name
+
+    assert [*missed("silhouette")] == ["gamma of 2"]
+    assert {*missed("lengths")} == {"gamma of 2", "a spot of 7 px on the edge", "one pixel in 100 black or white"}
+
+
 def test_intervals_of_batches_hold_on_every_mesh():
     """The same capsules at refinement 8, 12 and 16, with states of 12."""
     answers = stored(membrane_batches)["meshes"]
