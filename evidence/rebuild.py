@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from scipy.spatial import KDTree
+from scipy.stats import qmc
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable
-from capsbayes.membrane_database import FREE_PARAMETERS, THICK, MembraneDatabase, highest_ca, lowest_ca
+from capsbayes.membrane_database import FREE_PARAMETERS, THICK, MembraneDatabase, covered, highest_ca, lowest_ca
 from capsbayes.physics.build import (
     CAPILLARY_NUMBERS,
     Cases,
@@ -42,6 +43,7 @@ from capsbayes.physics.scattered import (
 from capsbayes.physics.simulator import Simulator, UnsteadySimulator
 from capsbayes.run import only_run
 from capsbayes.status import Status
+from capsbayes.surrogate import MembraneSurrogate
 from evidence.command import Arguments, count, path, run
 
 # The cases of databases, beside `default_grid`
@@ -135,12 +137,13 @@ class MembraneRecipe(NamedTuple):
     cross_section: str
     thin: tuple[int, int]  # bending stiffness up to `THICK`
     thick: tuple[int, int]  # from there on
+    needed: int = 0  # further places, where the model of these states is least sure
     refinement: int = 12
     coarse: int = 8  # refinement of the mesh on which states are sought
 
 
 MEMBRANES = {
-    "membrane-square": MembraneRecipe("square", (2048, 1024), (512, 256)),
+    "membrane-square": MembraneRecipe("square", (2048, 1024), (512, 256), needed=300),
     "membrane-circular": MembraneRecipe("circular", (512, 0), (256, 0)),
 }
 """Recipes of the shipped databases over the membrane, by their names."""
@@ -153,10 +156,12 @@ def spread_points(states: int, border_states: int) -> Floats:
     # Of the latter, coordinates of the membrane and of the size that are near to an end are moved there: on the average
     # two of a point, so that all faces and many edges and corners have states.
     points = sobol_places(states + border_states, len(FREE_PARAMETERS))
-    of_membrane = points[states:, 1:]
-    of_membrane[of_membrane < _NEAR] = 0.0
-    of_membrane[of_membrane > 1.0 - _NEAR] = 1.0
+    points[states:, 1:] = _moved_to_the_border(points[states:, 1:])
     return points
+
+
+def _moved_to_the_border(points: Floats) -> Floats:
+    return np.where(points < _NEAR, 0.0, np.where(points > 1.0 - _NEAR, 1.0, points))
 
 
 def membrane_places(continuation: Continuation, thin: tuple[int, int], thick: tuple[int, int]) -> Floats:
@@ -166,12 +171,18 @@ def membrane_places(continuation: Continuation, thin: tuple[int, int], thick: tu
     places[:, -1] *= middle
     further[:, -1] = middle + (1.0 - middle) * further[:, -1]
     places = np.concatenate([places, further])
-    _, size, inflation, _, hardening, _ = continuation.values(places).T
     cross_section = str(continuation.settings["cross_section"])
-    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
     along = continuation.axes[0]
-    places[:, 0] = [along.unit(float(ca)) for ca in low * (high / low) ** places[:, 0]]
+    spread = _spread_along(places[:, 0], continuation.values(places), cross_section)
+    places[:, 0] = [along.unit(float(ca)) for ca in spread]
     return places
+
+
+def _spread_along(units: Floats, values: Floats, cross_section: str) -> Floats:
+    """Return Ca (n,) from the lowest to the highest at the other parameters, values (n, 6)."""
+    _, size, inflation, _, hardening, _ = values.T
+    low, high = lowest_ca(inflation), highest_ca(size, hardening, cross_section)
+    return np.asarray(low * (high / low) ** units)
 
 
 def build_membranes(
@@ -183,15 +194,59 @@ def build_membranes(
     continuation = membrane_continuation(recipe.cross_section, recipe.coarse)
     places = membrane_places(continuation, recipe.thin, recipe.thick)
     start = continuation.taken(continuation.simulator.run(capillary_number=0.06, size_ratio=0.9))  # a parachute
-    folder = f"{out}.coarse.parts"
-    sought = scattered_states(continuation, start, places, folder=folder, scheduler=scheduler, workers=workers)
-    coarse = MembraneDatabase.of(scattered_dataset(continuation, places, resolved(sought)))
-    continuation = membrane_continuation(recipe.cross_section, recipe.refinement)
-    fine = refined_states(coarse, continuation, folder=f"{out}.parts", scheduler=scheduler, workers=workers)
-    dataset = scattered_dataset(continuation, continuation.places(coarse["values"]), resolved(fine))
-    database = MembraneDatabase.of(with_mesh_errors(dataset, coarse))
+    on: dict[str, Any] = {"scheduler": scheduler, "workers": workers}
+    sought = resolved(scattered_states(continuation, start, places, folder=f"{out}.coarse.parts", **on))
+    coarse = MembraneDatabase.of(scattered_dataset(continuation, places, sought))
+    fine = membrane_continuation(recipe.cross_section, recipe.refinement)
+    refined = resolved(refined_states(coarse, fine, folder=f"{out}.parts", again=True, **on))
+    database = _with_mesh_errors(coarse, fine, refined)
+    if recipe.needed:
+        further = needed_places(database, continuation, recipe.needed)
+        more = resolved(further_states(coarse, continuation, further, folder=f"{out}.needed.coarse.parts", **on))
+        reached = [number for number, state in enumerate(more) if state is not None]
+        coarse = MembraneDatabase.of(
+            scattered_dataset(continuation, further[reached], [more[number] for number in reached])
+        )
+        refined = resolved(refined_states(coarse, fine, folder=f"{out}.needed.parts", again=False, **on))
+        # What either mesh lacks is left out, not lost: it lies next to the end of the branch, and some of it exists.
+        found = [number for number, state in enumerate(refined) if state is not None]
+        database = database.joined(
+            _with_mesh_errors(coarse.taken(found), fine, [refined[number] for number in found]).dataset
+        )
     database.write(out)
     return database
+
+
+def _with_mesh_errors(
+    coarse: MembraneDatabase, continuation: Continuation, states: Sequence[ScatteredState | None]
+) -> MembraneDatabase:
+    dataset = scattered_dataset(continuation, continuation.places(coarse["values"]), states)
+    return MembraneDatabase.of(with_mesh_errors(dataset, coarse))
+
+
+_SEEN = np.array([0.014, 0.014, 0.01])  # errors of L_z [l], L_a [l] and v_o/U that a picture leaves
+_APART = 0.3  # least distance of needed places, over the ranges
+
+
+def needed_places(database: MembraneDatabase, continuation: Continuation, count: int) -> Floats:
+    """Return the places (count, 6) where a model says the largest errors, apart from each other."""
+    # Of 32,768 of Sobol's, every other moved to the border where it is near it.
+    points = np.asarray(qmc.Sobol(len(FREE_PARAMETERS), scramble=True, rng=11).random_base2(15))
+    points[1::2, 1:] = _moved_to_the_border(points[1::2, 1:])
+    values = continuation.values(points)
+    values[:, 0] = _spread_along(points[:, 0], values, database.cross_section)
+    values = values[covered(values, database.cross_section)]
+    said = MembraneSurrogate(database)(dict(zip(FREE_PARAMETERS, values.T, strict=True)))
+    error = np.max(np.sqrt(np.diagonal(said.covariance, axis1=1, axis2=2)) / _SEEN, axis=1)
+    error[~said.inside | np.isnan(error)] = 0.0
+    places = continuation.places(values)
+    chosen: list[int] = []
+    for number in np.argsort(-error):
+        if len(chosen) == count:
+            break
+        if not chosen or np.min(np.linalg.norm(places[chosen] - places[number], axis=1)) > _APART:
+            chosen.append(number)
+    return places[chosen]
 
 
 def refined_states(
@@ -200,7 +255,7 @@ def refined_states(
     """Compute the states of a database on the finer mesh of a continuation, None where one is lost; keep them."""
     places = continuation.places(database["values"])
     with only_run(Path(folder)):
-        return further_states(database, continuation, places, folder=folder, way=_refined, again=True, **how)
+        return further_states(database, continuation, places, folder=folder, way=_refined, **how)
 
 
 def _refined(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:

@@ -168,23 +168,27 @@ class MembraneDatabase(StoredStates):
         for name in ("profile", "silhouette", "mesh"):
             changed |= self._in_common_modes(others, name)
         if self.has_mesh_error:
-            changed |= self._mesh_errors_with(
-                others, {name: changed[name][1].shape[1] for name in ("numbers", "profile", "silhouette")}
-            )
+            changed |= self._mesh_errors_with(others, {name: values for name, (_, values) in changed.items()})
         kept = self.dataset.drop_vars(list(changed))
         return MembraneDatabase.of(kept.assign(changed))
 
     def _mesh_errors_with(
-        self, others: MembraneDatabase, widths: Mapping[str, int]
+        self, others: MembraneDatabase, both: Mapping[str, Floats]
     ) -> dict[str, tuple[tuple[str, ...], Floats]]:
-        """Return the errors of the mesh of both: other states have that of the nearest of these."""
+        """Return the errors of the mesh of both: other states without one have that of the nearest of these."""
         away = (others["values"][:, None] - self["values"]) / np.ptp(RANGES, axis=1)
         nearest = np.argmin(np.sum(away**2, axis=2), axis=1)
         parts: dict[str, tuple[tuple[str, ...], Floats]] = {}
         for name, dims in _OF_THE_MESH.items():
-            lacking = widths[name.removesuffix("_mesh_error")] - self[name].shape[1]
-            own = np.pad(self[name], ((0, 0), (0, lacking)))
-            parts[name] = (dims, np.concatenate([own, own[nearest]]))
+            part = name.removesuffix("_mesh_error")
+            own = np.pad(self[name], ((0, 0), (0, both[part].shape[1] - self[name].shape[1])))
+            if not others.has_mesh_error:
+                error = own[nearest]
+            elif part == "numbers":
+                error = others[name]
+            else:
+                error = np.einsum("nk,kij,mij->nm", others[name], others[f"{part}_modes"], both[f"{part}_modes"])
+            parts[name] = (dims, np.concatenate([own, error]))
         return parts
 
     def check_settings(self, settings: Mapping[str, Any]) -> None:

@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from capsbayes.errors import InputError
-from capsbayes.membrane_database import THICK, MembraneDatabase, covered
+from capsbayes.membrane_database import FREE_PARAMETERS, THICK, MembraneDatabase, covered
 from capsbayes.physics.scattered import membrane_continuation, nearest_state
+from capsbayes.surrogate import MembraneSurrogate
 from evidence.rebuild import (
     MembraneRecipe,
     build_membranes,
     membrane_places,
+    needed_places,
     refined_states,
     spread_points,
     with_mesh_errors,
@@ -33,6 +36,20 @@ def test_border_points_follow_the_others_and_reach_every_face():
     assert np.all((outer[~moved] >= 0.2) & (outer[~moved] <= 0.8))
     for end in (0.0, 1.0):
         assert np.all(np.abs(np.mean(outer == end, axis=0) - 0.2) < 0.02)
+
+
+def test_needed_places_are_those_of_the_largest_errors_and_apart():
+    shipped, continuation = MembraneDatabase.open("circular"), membrane_continuation("circular")
+    places = needed_places(shipped, continuation, 20)
+    values = continuation.values(places)
+    assert pdist(places).min() > 0.3
+    assert covered(values, "circular").all()
+    model = MembraneSurrogate(shipped)
+    needed, stored = (
+        np.trace(model(dict(zip(FREE_PARAMETERS, each.T, strict=True))).covariance, axis1=1, axis2=2)
+        for each in (values, 0.9 * shipped["values"] + 0.1 * shipped["values"].mean(axis=0))
+    )
+    assert np.nanmin(needed) > np.nanquantile(stored, 0.9)
 
 
 @pytest.mark.parametrize("cross_section", ["square", "circular"])
@@ -91,11 +108,13 @@ def test_the_error_of_a_mesh_is_a_share_of_the_change_from_a_coarser_one():
 
 
 @pytest.mark.slow
-def test_a_small_one_is_built_and_read(tmp_path):
-    few = MembraneRecipe("square", (2, 1), (1, 1), refinement=5, coarse=4)
+def test_a_small_one_is_built_and_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("evidence.rebuild.needed_places", lambda *arguments: np.full((1, 6), 0.4))  # no model of so few
+    few = MembraneRecipe("square", (2, 1), (1, 1), needed=1, refinement=5, coarse=4)
     built = build_membranes(few, out=tmp_path / "few.nc", scheduler="synchronous")
     again = MembraneDatabase.open(tmp_path / "few.nc")
     assert again.sha256 == built.sha256
-    assert built.as_dict()["states"] + built.as_dict()["lost"] == 5
+    assert built.as_dict()["states"] + built.as_dict()["lost"] == 6
+    assert (tmp_path / "few.nc.needed.parts").is_dir()
     assert built.settings["refinement"] == 5
     assert np.all(np.any(built["profile_mesh_error"] != 0.0, axis=1))

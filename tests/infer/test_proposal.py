@@ -1,9 +1,11 @@
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from capsbayes.infer.proposal import Proposal, effective, normalised, smoothed, tempering
+from capsbayes.infer.proposal import Draws, Proposal, effective, normalised, of_mixture, smoothed, tempering
 
 COUNT = 2**13
 
@@ -41,6 +43,23 @@ def test_its_draws_weighted_by_its_density_integrate_the_target(proposal):
     logs = log_target(draws) - proposal.log_density(draws)
     assert np.mean(np.exp(logs)) == pytest.approx(1.0, abs=0.05)
     assert effective(normalised(logs)) > 0.3 * COUNT
+
+
+def test_draws_of_two_proposals_are_draws_of_their_mixture(proposal, points):
+    class Nothing(NamedTuple):
+        def joined(self, other):
+            return self
+
+    # the other proposal knows half of the target; its draws alone miss what the mixture has
+    half = Proposal.fitted(some := points[points[:, 2] > 0.3], np.full(len(some), 1.0 / len(some)))
+    parts = []
+    for one, seed in ((half, 1), (proposal, 2)):
+        drawn = one.drawn(qmc.Sobol(6, rng=np.random.default_rng(seed)).random(COUNT))
+        parts.append((one, Draws(drawn, log_target(drawn), one.log_density(drawn), Nothing())))
+    alone, both = parts[0][1], of_mixture(parts)
+    assert np.mean(np.exp(both.log_weights)) == pytest.approx(1.0, abs=0.02)
+    assert effective(normalised(both.log_weights)) > 2.0 * effective(normalised(alone.log_weights))
+    assert of_mixture(parts[:1]) is alone
 
 
 def test_the_middle_is_one_of_the_points_near_their_mean(proposal, points):

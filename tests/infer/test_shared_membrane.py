@@ -8,16 +8,19 @@ import pytest
 import xarray as xr
 from linear_shapes import ALONG, Linear, linear_batch
 from scipy import stats
-from scipy.special import expit, softmax
+from scipy.special import expit, ndtri, softmax
 
 from capsbayes.errors import InputError, NoShapeError
 from capsbayes.experiment import Experiment
 from capsbayes.infer import Membrane, Prior
 from capsbayes.infer.conditional import Capsules
+from capsbayes.infer.proposal import Draws, quasi_random
 from capsbayes.infer.shared_membrane import (
     FUNCTIONS,
     MISFIT,
+    Found,
     LawOdds,
+    MembraneSampling,
     Sampled,
     averaged,
     identify_membrane,
@@ -204,6 +207,35 @@ def test_inflations_that_differ_are_found_of_each_capsule(capsules):
     scatter = np.log(each / found.draws["pre_inflation"][:, None]).std(axis=1)
     assert np.corrcoef(np.log(scatter), np.log(found.draws["inflation_spread"]))[0, 1] > 0.5
     assert "pre_inflation" in found.as_dict()["capsules"][0]
+
+
+class Narrow(MembraneSampling):
+    """A normal posterior in six dimensions, so narrow that no draw over the prior lies in it."""
+
+    dimensions = 6
+    SCALES = np.geomspace(1e-6, 1e-4, 6)
+    CENTRE = np.linspace(-1.0, 1.0, 6)
+
+    def _first(self):
+        points = ndtri(quasi_random(6, 256, 1))
+        return self.weighted(points, stats.norm.logpdf(points).sum(axis=1))
+
+    def weighted(self, points, log_drawn, near=None):
+        log, zero = stats.norm.logpdf(points, self.CENTRE, self.SCALES).sum(axis=1), np.zeros(len(points))
+        nothing = np.zeros((len(points), 1))
+        found = Found(log, log, zero, nothing, zero + 1.0, nothing[:, None], nothing)
+        return Draws(points, log, log_drawn, found)
+
+
+def test_a_narrow_posterior_is_sought_until_its_draws_are_alive():
+    sampled = Narrow(None, None)()
+    assert all(gate.passed for gate in sampled.gates)
+    weights = softmax(sampled.log_weights)
+    mean = weights @ sampled.draws.points
+    spread = np.sqrt(weights @ (sampled.draws.points - mean) ** 2)
+    assert np.allclose(mean, Narrow.CENTRE, atol=0.2 * Narrow.SCALES)
+    assert np.allclose(spread, Narrow.SCALES, rtol=0.1)
+    assert np.allclose(sampled.log_evidence, 0.0, atol=0.1)
 
 
 @pytest.mark.slow

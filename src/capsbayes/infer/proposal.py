@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import abc
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 from math import comb
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtri, gammaln, ndtr, ndtri
+from scipy.special import chdtri, gammaln, logsumexp, ndtr, ndtri
 
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
@@ -412,6 +412,16 @@ class Draws(NamedTuple):
         return Draws(points, log_density, log_drawn, self.found.joined(other.found))
 
 
+def of_mixture(parts: Sequence[tuple[Proposal, Draws]]) -> Draws:
+    """Return the draws of several proposals as draws of their mixture."""
+    # Owen and Zhou, doi:10.1080/01621459.2000.10473909
+    draws = reduce(Draws.joined, (own for _, own in parts))
+    if len(parts) == 1:
+        return draws
+    logs = [np.log(len(own.points) / len(draws.points)) + one.log_density(draws.points) for one, own in parts]
+    return draws._replace(log_drawn=logsumexp(logs, axis=0))
+
+
 def fitted(points: Floats, log_weights: Floats, count: int) -> Proposal:
     """Return a proposal fitted to points with weights to a power that leaves a tenth of a number of draws effective."""
     return Proposal.fitted(points, tempered(log_weights, _ALIVE * count))
@@ -451,13 +461,17 @@ class Sampler(abc.ABC):
     def sample(
         self, proposal: Proposal, numbers: tuple[float, int, int], seeds: Iterable[int], near: Draws | None = None
     ) -> Any:
-        """Draw until enough draws are effective; while a gate fails, fit a proposal to them and take the next seed."""
-        enough, first, most = numbers  # effective draws that are enough, first and most draws
+        """Draw until enough draws are effective; while a gate fails, fit a proposal to all and draw more, by a seed."""
+        enough, first, most = numbers  # effective draws that are enough, first and most draws of a proposal
+        parts: list[tuple[Proposal, Draws]] = []
         for seed in seeds:
-            draws = self.drawn(proposal, first, seed, near)
-            while effective(normalised(self.log_weights(draws))) < enough and len(draws.points) < most:
-                ahead = len(draws.points)
-                draws = draws.joined(self.drawn(proposal, ahead, seed, near, after=ahead))
+            parts.append((proposal, self.drawn(proposal, first, seed, near)))
+            draws = of_mixture(parts)
+            ahead = first
+            while effective(normalised(self.log_weights(draws))) < enough and ahead < most:
+                more = self.drawn(proposal, ahead, seed, near, after=ahead)
+                parts[-1] = proposal, parts[-1][1].joined(more)
+                draws, ahead = of_mixture(parts), 2 * ahead
             result = self.result(draws, proposal)
             if all(gate.passed for gate in result.gates):
                 break

@@ -261,8 +261,9 @@ def _whole(unknowns: Unknowns, covariance: Floats) -> Floats:
 _CLOUD, _OF_MODE = 128, 128  # points over the prior and about each mode
 _FREEDOM, _WIDER = 5, 1.3
 _DISTINCT, _UNLIKELY = 1.0, 12.0  # least distance of modes in standard deviations; of the log density below the best
-_TRIED, _ROUNDS = 256, 6  # draws of a round
-_ALIVE = 0.1  # share of effective draws along which the capsules change linearly
+_TRIED, _ROUNDS = 256, (6, 30)  # draws of a round, rounds that suffice if its draws are alive, most rounds
+_ALIVE = 0.1  # share of effective draws at which later rounds end, and along which the capsules change linearly
+_RAISED = 2.0  # standard deviations of the log density by the model's own error
 _GOOD = 0.35  # share of effective draws, which ends the rounds
 _ENOUGH, _MOST, _REPEATS = 600.0, 4096, 3  # effective draws, draws, new proposals while a gate fails
 _LEAST_EFFECTIVE = 400.0
@@ -302,6 +303,13 @@ def wide_weights(draws: Draws) -> Floats:
     return np.where(np.isfinite(draws.log_weights), lowered, -np.inf)
 
 
+def raised_weights(draws: Draws) -> Floats:
+    """Return log weights of a posterior whose log density is raised where the model is unsure : (d,) array."""
+    # Some errors of the model have it as high there, so that their share of the average rests on draws there.
+    raised = draws.log_weights + _RAISED * np.sqrt(draws.found.variance)
+    return np.where(np.isfinite(draws.log_weights), raised, -np.inf)
+
+
 def averaged_draws(draws: Draws) -> Averaged:
     """Return the weights of draws averaged over errors of the model."""
     return averaged(draws.log_weights, draws.found.places, draws.found.variance)
@@ -336,10 +344,11 @@ class MembraneSampling(Sampler):
             draws = self._certain()
             return _with_gate_on_borders(Sampled(draws, *averaged_draws(draws), 0.0, ()))
         draws = self._first()
-        for number in range(1, _ROUNDS + 1):
+        for number in range(1, _ROUNDS[1] + 1):
             proposal = fitted(draws.points, wide_weights(draws), len(draws.points))
             draws = self.drawn(proposal, _TRIED, number, draws)
-            if effective(normalised(wide_weights(draws))) / _TRIED > _GOOD:
+            share = effective(normalised(wide_weights(draws))) / _TRIED
+            if share > (_GOOD if number < _ROUNDS[0] else _ALIVE):
                 break
         proposal, seeds = self.refitted(draws, len(draws.points)), range(-1, -2 - _REPEATS, -1)
         return _with_gate_on_borders(self.sample(proposal, (_ENOUGH, 2 * _TRIED, _MOST), seeds, draws))
@@ -361,7 +370,7 @@ class MembraneSampling(Sampler):
         return averaged_draws(draws).log_weights
 
     def refitted(self, draws: Draws, first: int) -> Proposal:
-        return fitted(draws.points, self.log_weights(draws), len(draws.points))
+        return fitted(draws.points, raised_weights(draws), len(draws.points))
 
     def result(self, draws: Draws, proposal: Proposal) -> Sampled:
         log_weights, evidence = averaged_draws(draws)
