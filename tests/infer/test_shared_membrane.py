@@ -331,6 +331,31 @@ def test_the_variance_is_that_of_the_misfit_by_errors_that_no_shape_absorbs(batc
     assert found[0] == pytest.approx(np.sum(squares), rel=0.05)
 
 
+def found_with(misfit, variance):
+    """Capsules at membranes of which only the misfit, chi^2, and the stated variance matter."""
+    some = np.zeros((len(misfit), 1))
+    return Found(some[:, 0], -0.5 * np.asarray(misfit), np.asarray(variance), some, some[:, 0], some[:, None], some)
+
+
+@pytest.mark.parametrize("size", [5.0, 30.0])
+def test_the_misfit_bounds_what_the_error_of_the_model_may_be(size):
+    """At the true membrane, where the model errs by less than is stated; the best one has an error of 1."""
+    rng = np.random.default_rng(2)
+    bounds = []
+    for _ in range(2000):
+        noise, error, of_best = rng.standard_normal((3, 200))
+        error *= size / np.linalg.norm(error)
+        misfit = [np.sum((noise + of_best / np.linalg.norm(of_best)) ** 2), np.sum((noise + error) ** 2)]
+        bounds.append(found_with(misfit, [1.0, 1e4]).likely_variance[1])
+    assert np.mean(np.sqrt(bounds) >= size) > 0.95
+    assert np.median(bounds) < (size + 5.0) ** 2
+
+
+def test_a_smaller_error_stays_as_it_is_stated():
+    found = found_with([200.0, 204.0, 300.0], [9.0, 12.0, 80.0])
+    np.testing.assert_array_equal(found.likely_variance, found.variance)
+
+
 def test_shapes_that_absorb_every_error_leave_no_variance(batch):
     """As where one length is measured of each capsule."""
     one = replace(batch, rows=batch.rows[:, :1], target=batch.target[:, :1], scale=batch.scale[:, :1])

@@ -289,6 +289,15 @@ class Found(NamedTuple):
         """Return those at these membranes followed by others."""
         return Found(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
+    @property
+    def likely_variance(self) -> Floats:
+        """Variance of the log density, no larger than the misfit lets the model's own error be : (d,) array."""
+        # If the truth is at a membrane, the misfit there exceeds that of an exact model by e^2 + 2 e u, with e and u as in
+        # `log_density_variance`, and in 98 % e u is above -2 |e|. The best membrane exceeds it by its own e^2 at most.
+        best = np.argmax(self.log_likelihood)
+        excess = self.variance[best] + 2.0 * (self.log_likelihood[best] - self.log_likelihood)
+        return np.minimum(self.variance, (2.0 + np.sqrt(4.0 + excess)) ** 2)
+
     @classmethod
     def known(cls, values: Start) -> Found:
         """Return one of which only the values of the capsules are known."""
@@ -306,13 +315,13 @@ def wide_weights(draws: Draws) -> Floats:
 def raised_weights(draws: Draws) -> Floats:
     """Return log weights of a posterior whose log density is raised where the model is unsure : (d,) array."""
     # Some errors of the model have it as high there, so that their share of the average rests on draws there.
-    raised = draws.log_weights + _RAISED * np.sqrt(draws.found.variance)
+    raised = draws.log_weights + _RAISED * np.sqrt(draws.found.likely_variance)
     return np.where(np.isfinite(draws.log_weights), raised, -np.inf)
 
 
 def averaged_draws(draws: Draws) -> Averaged:
     """Return the weights of draws averaged over errors of the model."""
-    return averaged(draws.log_weights, draws.found.places, draws.found.variance)
+    return averaged(draws.log_weights, draws.found.places, draws.found.likely_variance)
 
 
 class Sampled(NamedTuple):
