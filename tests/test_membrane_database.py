@@ -40,8 +40,8 @@ def test_states_that_are_joined_keep_the_errors_of_their_mesh(some):
     of_modes = [name for name in others if name.startswith(("profile", "silhouette")) and not name.endswith("_mean")]
     both = own.joined(others.assign({name: -others[name] for name in of_modes}))  # modes of the other sign
     for name in ("numbers", "profile", "silhouette"):
-        np.testing.assert_allclose(both[name], some[name], atol=1e-7)
-        np.testing.assert_allclose(both[f"{name}_mesh_error"], some[f"{name}_mesh_error"], atol=1e-7)
+        np.testing.assert_allclose(both[name], some[name], atol=2e-5)  # modes are in single precision
+        np.testing.assert_allclose(both[f"{name}_mesh_error"], some[f"{name}_mesh_error"], atol=2e-5)
     without = own.joined(others.drop_vars([name for name in others if name.endswith("_mesh_error")]))
     np.testing.assert_array_equal(without["numbers_mesh_error"][:40], some["numbers_mesh_error"][:40])
     assert all(row in some["numbers_mesh_error"][:40] for row in without["numbers_mesh_error"][40:])  # of the nearest

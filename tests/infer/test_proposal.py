@@ -57,7 +57,7 @@ def test_draws_of_two_proposals_are_draws_of_their_mixture(proposal, points):
         drawn = one.drawn(qmc.Sobol(6, rng=np.random.default_rng(seed)).random(COUNT))
         parts.append((one, Draws(drawn, log_target(drawn), one.log_density(drawn), Nothing())))
     alone, both = parts[0][1], of_mixture(parts)
-    assert np.mean(np.exp(both.log_weights)) == pytest.approx(1.0, abs=0.02)
+    assert np.mean(np.exp(both.log_weights)) == pytest.approx(1.0, abs=0.05)
     assert effective(normalised(both.log_weights)) > 2.0 * effective(normalised(alone.log_weights))
     assert of_mixture(parts[:1]) is alone
 

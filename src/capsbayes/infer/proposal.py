@@ -465,13 +465,12 @@ class Sampler(abc.ABC):
         enough, first, most = numbers  # effective draws that are enough, first and most draws of a proposal
         parts: list[tuple[Proposal, Draws]] = []
         for seed in seeds:
-            parts.append((proposal, self.drawn(proposal, first, seed, near)))
-            draws = of_mixture(parts)
-            ahead = first
-            while effective(normalised(self.log_weights(draws))) < enough and ahead < most:
-                more = self.drawn(proposal, ahead, seed, near, after=ahead)
-                parts[-1] = proposal, parts[-1][1].joined(more)
-                draws, ahead = of_mixture(parts), 2 * ahead
+            own = self.drawn(proposal, first, seed, near)
+            draws = of_mixture([*parts, (proposal, own)])
+            while effective(normalised(self.log_weights(draws))) < enough and len(own.points) < most:
+                own = own.joined(self.drawn(proposal, len(own.points), seed, near, after=len(own.points)))
+                draws = of_mixture([*parts, (proposal, own)])
+            parts.append((proposal, own))
             result = self.result(draws, proposal)
             if all(gate.passed for gate in result.gates):
                 break

@@ -292,7 +292,7 @@ class Found(NamedTuple):
     @property
     def likely_variance(self) -> Floats:
         """Variance of the log density, no larger than the misfit lets the model's own error be : (d,) array."""
-        # If the truth is at a membrane, the misfit there exceeds that of an exact model by e^2 + 2 e u, with e and u as in
+        # If the truth is at a membrane, the misfit there exceeds that of an exact model by e^2 + 2 e u, e and u as in
         # `log_density_variance`, and in 98 % e u is above -2 |e|. The best membrane exceeds it by its own e^2 at most.
         best = np.argmax(self.log_likelihood)
         excess = self.variance[best] + 2.0 * (self.log_likelihood[best] - self.log_likelihood)
@@ -308,15 +308,17 @@ class Found(NamedTuple):
 def wide_weights(draws: Draws) -> Floats:
     """Return log weights of a posterior with only a share of the log likelihood of the measurements : (d,) array."""
     # It holds all modes that the average over errors of the model may have.
-    lowered = draws.log_weights - (1.0 - _WIDE) * draws.found.log_likelihood
-    return np.where(np.isfinite(draws.log_weights), lowered, -np.inf)
+    return _changed(draws, (_WIDE - 1.0) * draws.found.log_likelihood)
 
 
 def raised_weights(draws: Draws) -> Floats:
     """Return log weights of a posterior whose log density is raised where the model is unsure : (d,) array."""
     # Some errors of the model have it as high there, so that their share of the average rests on draws there.
-    raised = draws.log_weights + _RAISED * np.sqrt(draws.found.likely_variance)
-    return np.where(np.isfinite(draws.log_weights), raised, -np.inf)
+    return _changed(draws, _RAISED * np.sqrt(draws.found.likely_variance))
+
+
+def _changed(draws: Draws, by: Floats) -> Floats:
+    return np.where(np.isfinite(draws.log_weights), draws.log_weights + by, -np.inf)
 
 
 def averaged_draws(draws: Draws) -> Averaged:
