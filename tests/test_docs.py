@@ -6,7 +6,6 @@ import ast
 import functools
 import importlib.util
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from command_line import run
 
 import capsbayes
 from capsbayes.cli import app
+from evidence.pages import NUMBER, blocks, lines_of, width_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "evidence").rglob("*.md"))]
@@ -42,13 +42,6 @@ OWN = (("FOLDER/", "a published picture, which is not part of the library"), ("t
 PATH = re.compile(r"[\w.-]+/[\w./-]*|[\w./-]+\.(?:toml|csv|nc|png|avi|rtdc|py|html)")
 """A word of a command that names a file or a folder."""
 
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
-
-
-def blocks(page):
-    return BLOCK.findall(page.read_text())
-
 
 def commands():
     """Page and words of every ``capsbayes ...`` in a shell block."""
@@ -57,12 +50,6 @@ def commands():
             for words in lines_of(text) if language == "sh" else ():
                 if "capsbayes" in words:
                     yield pytest.param(words[words.index("capsbayes") + 1 :], id=f"{page.name}: {' '.join(words)[:60]}")
-
-
-def lines_of(text):
-    """Return the words of each line of a shell block."""
-    split = [shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()]
-    return [words for words in split if words]
 
 
 @pytest.mark.parametrize("words", list(commands()))
@@ -113,7 +100,7 @@ def test_a_page_shows_what_its_commands_print(name, scripted, tmp_path, monkeypa
             elif only and words[1] != only:
                 continue
             elif words[0] == "capsbayes" and (after == "text" or words[1] == "hide"):
-                monkeypatch.setenv("COLUMNS", "80" if max(map(len, printed.splitlines()), default=0) <= 80 else "100")
+                monkeypatch.setenv("COLUMNS", width_of(printed))
                 _, out, _ = run(monkeypatch, capsys, *words[1:])
             else:
                 continue
