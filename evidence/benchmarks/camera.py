@@ -45,6 +45,7 @@ class Looks:
     interior: float = 0.2  # darkness of the capsule within its membrane
     membrane: float = 0.4  # darkness added at the outer edge
     membrane_width: float = 4.0  # depth at which it has fallen to 1/e
+    line: float = 0.0  # half the breadth, where it is half as dark, of a membrane seen as a line about the edge; 0: not
     rear: float = 0.35  # darkness of the membrane of a concave rear
     rear_width: float = 2.5  # half its breadth, where it is half as dark
     halo: float = 0.04  # light added just outside the edge
@@ -172,9 +173,13 @@ def transmission_of(view: View, capsule: Capsule) -> Floats:
         return covered(outline + outwards * normals, view.shape)
 
     inside = moved(0.0)
-    depths = -np.log(_shares())  # of these the mean falls as exp(-depth)
-    core = np.mean([moved(-looks.membrane_width * depth) for depth in depths], axis=0)
-    dark = looks.interior * inside + looks.membrane * (inside - core)
+    if looks.line:
+        breadths = looks.line * (0.5 + _shares())
+        membrane = np.mean([moved(breadth) - moved(-breadth) for breadth in breadths], axis=0)
+    else:
+        depths = -np.log(_shares())  # of these the mean falls as exp(-depth)
+        membrane = inside - np.mean([moved(-looks.membrane_width * depth) for depth in depths], axis=0)
+    dark = looks.interior * inside + looks.membrane * membrane
     dark += looks.rear * inside * _rear(view, capsule)
     return np.asarray(1.0 - dark + looks.halo * _around(looks, inside, moved))
 

@@ -78,6 +78,12 @@ def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[Vie
     return replace(view, looks=looks), replace(camera, blur=random.uniform(0.7, 2.0))
 
 
+def line(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+    """Show of the membrane a line alone, 2 to 6 px broad: inside it is almost as bright as outside."""
+    half, inside = random.uniform(1.0, 3.0), random.uniform(0.0, 0.04)
+    return looks(line=half, interior=inside, rear=view.looks.membrane, rear_width=half)(view, camera, random)
+
+
 PLAIN = camera()
 CONDITIONS: dict[str, Change] = {
     "none": PLAIN,
@@ -103,6 +109,7 @@ CONDITIONS: dict[str, Change] = {
     "a fifth of the contrast": faint(0.2),
     "halo 15 %": looks(halo=0.15),
     "rings of light": ringed,
+    "the membrane as a line": line,
     "two capsules overlap": overlapping,
 }
 

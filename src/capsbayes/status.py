@@ -50,7 +50,7 @@ class Status(enum.Enum):
         "film without."
     )
     LOPSIDED = "The outline is not symmetric about the flow: two objects overlap, or one lies askew."
-    OVERLAP = "A second nose is seen inside the capsule: two capsules overlap."
+    OVERLAP = "A second nose is seen inside the capsule, or it is as dark around it: two capsules overlap."
     SMEARED = "The capsule moved by more than three pixels during the exposure; expose it for a shorter time."
     SHADED = (
         "Something dark that is no capsule lies along a wall or runs from the border, as a shadow or a faulty row of "

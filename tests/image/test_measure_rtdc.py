@@ -35,8 +35,8 @@ SPEED = Quantity(0.15, 0.005, "m/s")
 recorded = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the recordings are not in {FOLDER}")
 
 
-def events(path, pixel=PIXEL):
-    return list(measure_rtdc(path, EXPERIMENT, shared_velocity=SPEED, pixel_size=pixel))
+def events(path, pixel=PIXEL, axis=None):
+    return list(measure_rtdc(path, EXPERIMENT, shared_velocity=SPEED, pixel_size=pixel, axis=axis))
 
 
 @pytest.fixture
@@ -111,6 +111,17 @@ def test_drawn_spheres_and_a_mask_in_two_pieces(path):
         assert seen.axial_length is None
     assert np.isnan(found[2].measurement.axial_extent)
     assert found[1].picture.source.endswith("drawn.rtdc, event 1")
+
+
+def test_walls_that_are_not_seen_are_not_invented(path):
+    with h5py.File(path, "a") as file:
+        pictures = file["events/image"][:]
+        inside = pictures[:, 18:62]  # far from the walls, whose lines are at 10 and 69
+        file["events/image"][:] = np.pad(inside, ((0, 0), (18, 18), (0, 0)), mode="edge")
+    with pytest.raises(InputError, match=r"events/image: expected two dark walls 59 px apart, .* \(--axis\)"):
+        events(path)
+    found = events(path, axis="39.5")[0].measurement
+    assert abs(found.axial_extent - 1.2) < 2.5 * found.axial_extent_error
 
 
 def test_events_have_the_silhouette_of_a_picture(path, tmp_path):
@@ -251,7 +262,10 @@ def test_recorded_doublets_and_broken_masks_are_refused_by_name():
     refused = {event.number for event in cells if event.detection.status in (Status.DOUBLET, Status.LOPSIDED)}
     assert {3, 4, 5} <= refused  # red cells that overlap, as the pictures show
     assert {1, 2, 8, 9, 10, 12} <= {event.number for event in cells if event.detection.status.ok}
-    broken = events(FOLDER / "mask_with_artefact.rtdc", replace(PIXEL, value=0.68e-6))
+    path, pixel = FOLDER / "mask_with_artefact.rtdc", replace(PIXEL, value=0.68e-6)
+    with pytest.raises(InputError, match="two dark walls 29 px apart"):  # its dark lines are 33 px apart
+        events(path, pixel)
+    broken = events(path, pixel, axis="20")
     assert Counter(event.detection.status for event in broken) == {Status.BROKEN_MASK: 10}
 
 

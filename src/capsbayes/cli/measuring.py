@@ -216,6 +216,12 @@ def _print_detection(detection: Detection, measured: cb.Measurement, experiment:
             "The noise shows that the picture was smoothed, by a filter or a compression: that adds "
             f"{detection.shift:.2f} px to the errors of all edges."
         )
+    if detection.middle > 0.0:
+        parts.append(
+            "A line alone is seen of the membrane; its middle is taken for the edge, "
+            f"{detection.middle:.1f} px within its outer side. That the membrane may lie elsewhere in it is in the "
+            "errors, unless it is stated (--edge-offset)."
+        )
     if experiment.camera is not None:
         lengths = ", ".join(f"{length:.4f}" for length in measured.lengths)
         parts.append(f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}.")

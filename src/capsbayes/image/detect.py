@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, uniform_filter1d
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.image.background import Blob
 from capsbayes.image.edge_models import median, quantile, rounded
 from capsbayes.image.edges import (
@@ -47,6 +47,7 @@ _SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 t
 _WALL_SMOOTHING = 4.0  # points of an outline: standard deviation of the Gaussian that smooths it
 _CLEAR_OF_WALL = 3.0  # of the width of a wall's line
 _BUMP = 8.0  # misfit of a nose: up to 2.1 in drawn pictures, and above 9 if dirt of 3 px sticks to it
+_BUMP_BEHIND, _NEAR_AXIS = 13.0, 0.15  # that of a rear: up to 8, and above 14 if dirt of 7 px does, so near to the axis
 # 1/px: error of the located edge over its width squared, beside what all edges share; at the rear end it is larger, as
 # a concave rear darkens what lies behind it. Both were set on drawn pictures, other ones than those counted.
 _NOSE_MISFIT, _END_MISFIT = 0.039, 0.06
@@ -66,6 +67,7 @@ class Detection:
     blob: Blob | None = None  # the dark blob that was analysed
     shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
+    middle: float = 0.0  # [px]: mean depth of the edge in the line of a membrane; 0 where the inside is dark
 
     def located(self) -> tuple[WallLines, EdgeOutline]:
         """Return walls and outline of a detection that has both."""
@@ -201,8 +203,18 @@ def analyse_blob(
     of_shape = _flow_of_shape(outline, walls)
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
+    beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
+    middle = None
+    if (edge := _Edge.of(light, outline, walls)) is not None:
+        if edge.dark_outside > _OUTSIDE:
+            return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
+        beyond = np.hypot(beyond, _OF_RING * edge.ring)
+        middle = edge.middle_of_line(light, outline, walls)
+    if middle is not None:
+        outline = replace(outline, points=outline.points - middle[:, None] * outline.normals)
+        beyond = np.hypot(beyond, _IN_LINE * np.mean(middle))
     if edge_offset is None:
-        offset = np.hypot(shift, _common_error(light, outline, walls))
+        offset = np.hypot(shift, beyond)
     else:
         offset = edge_offset.sd
         outline = replace(outline, points=outline.points + edge_offset.mean * outline.normals)
@@ -214,6 +226,7 @@ def analyse_blob(
         blob=blob,
         shift=shift,
         offset=float(np.hypot(EDGE_FLOOR, offset)),
+        middle=0.0 if middle is None else float(np.mean(middle)),
     )
     return _with_ends(light, noise, found)
 
@@ -226,22 +239,78 @@ _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
 _RING = 2.5, 9, 11  # of the edge's width, from which it is sought; px, up to which, and up to which the light is level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
+_EVERY, _MOST = 7, 0.75  # pixels of the channel, and the quantile of their light
+_OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are left outside, where two overlap 0.36
 
 
-def _common_error(light: Floats, outline: EdgeOutline, walls: WallLines) -> float:
-    """Return the standard error that all edges share [px]."""
-    first, beyond, last = _RING
-    clear = walls.clearance(outline.points) > last + _CLEAR_OF_WALL * walls.line_width
-    kept = clear & outline.located
-    of_width = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    if np.count_nonzero(kept) < _FEWEST_NORMALS:
-        return of_width
-    along = np.arange(-_INSIDE, last + 1)
-    places = outline.points[kept, None] + along[:, None] * outline.normals[kept, None]
-    profile = map_coordinates(light, np.moveaxis(places[..., ::-1], -1, 0), order=1, mode="nearest").mean(axis=0)
-    level = float(profile[along >= beyond].mean())
-    ring = level - profile[along >= first * median(outline.edge_width)].min()
-    return float(np.hypot(of_width, _OF_RING * max(ring, 0.0) / max(level - profile.min(), 1e-6)))
+# A membrane of which a line alone is seen, as of one that fluoresces: inside it is as bright as outside. The membrane
+# may lie anywhere in a dark line
+
+_IN_LINE = 0.5  # of the depth of its middle: standard error of the place of the membrane
+_LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
+_FAINT = 0.2  # of the darkness of the line: more is left inside of drawn capsules, 0.26 at least
+_SEEN, _BREADTH = 0.6, 0.3  # of the half height: depths that are looked at, and of the end of the line
+_ALIKE = 9  # points over which the line is averaged
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """Usual light across an edge, where no wall is near."""
+
+    kept: Booleans  # (n,): points of the outline
+    level: float  # light outside
+    full: float  # light of most of the channel
+    darkest: float  # darkness at the edge, beyond that outside
+    ring: float  # depth of the dark ring outside over this darkness
+
+    @classmethod
+    def of(cls, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Edge | None:
+        """Return what is seen along the normals of an outline; None where too few are free."""
+        first, beyond, last = _RING
+        clear = walls.clearance(outline.points) > last + _CLEAR_OF_WALL * walls.line_width
+        kept = clear & outline.located
+        if np.count_nonzero(kept) < _FEWEST_NORMALS:
+            return None
+        along = np.arange(-_INSIDE, last + 1)
+        profile = _across(light, outline, along)[kept].mean(axis=0)
+        level = float(profile[along >= beyond].mean())
+        ring = level - profile[along >= first * median(outline.edge_width)].min()
+        darkest = max(level - float(profile.min()), 1e-6)
+        full = quantile(light[walls.between(light.shape)][::_EVERY], _MOST)
+        return cls(kept, level, full, darkest, max(float(ring), 0.0) / darkest)
+
+    @property
+    def dark_outside(self) -> float:
+        """Darkness outside the edge over that at it."""
+        return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
+
+    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> Floats | None:
+        """Return the depth (n,) of the middle of the line at the edge of a capsule; None where the inside is dark."""
+        half = 0.5 * float(np.ptp(outline.points @ walls.across))
+        depth = np.arange(-_INSIDE, round(_SEEN * half))
+        if half < _LARGE or self.level - self._usual(light, outline, depth[-1:])[0] > _FAINT * self.darkest:
+            return None
+        dark = self.level - self._usual(light, outline, depth)
+        top = int(np.argmax(dark[depth < _BREADTH * half]))
+        end = top + int(np.argmax(dark[top:] < _FAINT * dark[top]))
+        inside = dark[end:]
+        if depth[end] > _BREADTH * half or end == top or quantile(np.abs(inside), 0.9) > _FAINT * dark[top]:
+            return None
+        line = uniform_filter1d(_across(light, outline, -depth[: end + 1]), _ALIKE, axis=0, mode="wrap")
+        between = self.level - np.linspace(0.0, max(median(inside), 0.0), end + 1)  # outside and inside
+        darker = np.maximum(between - line, 0.0)
+        middle = darker @ depth[: end + 1] / np.maximum(darker.sum(axis=1), 1e-9)
+        return np.where(self.kept, middle, median(middle[self.kept]))
+
+    def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
+        """Return the median light at depths : (m,) array."""
+        return np.asarray(np.median(_across(light, outline, -depth)[self.kept], axis=0))
+
+
+def _across(light: Floats, outline: EdgeOutline, along: Integers) -> Floats:
+    """Return the light at distances outwards along the normals of an outline : (n, m) array."""
+    places = outline.points[:, None] + along[:, None] * outline.normals[:, None]
+    return np.asarray(map_coordinates(light, np.moveaxis(places[..., ::-1], -1, 0), order=1, mode="nearest"))
 
 
 def _combed(light: Floats, noise: float, blob: Blob) -> bool:
@@ -316,7 +385,9 @@ def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     downstream = (detection.flow or 1) * walls.along
     nose = furthest_point(outline, downstream, _NOSE_MISFIT)
     end = furthest_point(outline, -downstream, _END_MISFIT)
-    if nose.misfit > _BUMP:
+    last = outline.points[np.argmin(outline.points @ downstream)] - detection.axis
+    on_axis = abs(last @ walls.across) < _NEAR_AXIS * np.ptp(outline.points @ walls.across)
+    if nose.misfit > _BUMP or (on_axis and end.misfit > _BUMP_BEHIND):
         return Detection(Status.DOUBLET, walls, outline, detection.flow, blob=detection.blob)
     detection = replace(detection, nose=nose, end=end)
     half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance

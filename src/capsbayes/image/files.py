@@ -35,6 +35,7 @@ _ORIENTATIONS = {2: (True, 1), 3: (False, 2), 4: (True, 3), 5: (True, 0), 6: (Fa
 _BELOW_ZERO = 0.02  # largest share of such levels, as noise leaves them where the level of the dark was subtracted
 _FEW, _DARK = 4, 16  # levels of a picture that shows no edge, unless it is dark and they are next to each other
 _DEAD = 0.05  # of the level beside: a row of one level that differs by less does no harm
+_ALONE, _SPECK = 2.5, 0.1  # clipped pixels among nine, and of the brightest level: what a speck differs by
 _LUMA = (0.299, 0.587, 0.114)  # weights of red, green and blue (ITU-R BT.601)
 
 
@@ -99,6 +100,7 @@ class Picture:
         rows, columns = _dead(levels), _dead(levels.T)
         _fill(grey, clipped, rows)
         _fill(grey.T, clipped.T, columns)
+        _smooth_specks(grey, clipped, float(brightest))
         return cls(grey, clipped, "" if where == "picture" else where, sha256)
 
     @property
@@ -146,6 +148,15 @@ def _fill(grey: Floats, clipped: Booleans, rows: NDArray[np.intp]) -> None:
     """Put in place of rows what lies between those beside, whose levels are known as little as clipped ones."""
     clipped[rows] = True
     grey[rows] = (9.0 * (grey[rows - 1] + grey[rows + 1]) - (grey[rows - 2] + grey[rows + 2])) / 16.0
+
+
+def _smooth_specks(grey: Floats, clipped: Booleans, brightest: float) -> None:
+    """Put the median of those around in place of black and white pixels that stand alone."""
+    if clipped.any():
+        near = cv2.boxFilter(clipped.astype(np.float32), -1, (3, 3), normalize=False)
+        around = cv2.medianBlur(grey.astype(np.float32), 3)
+        alone = clipped & (near < _ALONE) & (np.abs(grey - around) > _SPECK * brightest)
+        grey[alone] = around[alone]
 
 
 def check_size(file: bytes | Path, where: str, *, most: int = _MOST_PIXELS) -> Images | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
 
 from capsbayes.arguments import checked
 from capsbayes.arrays import Floats
@@ -336,6 +337,16 @@ _OF_ASKEW = np.array([2.0, 1.0])  # errors of L_z and L_a over the odd part: of 
 _LEVEL = 0.004  # rad: up to it, errors of the edge look like a turn
 
 
+# Something that sticks to an edge: of 7 px on drawn capsules it is beyond all three, and what is clean never is
+_LEAST_BUMP, _OF_ERROR, _OF_USUAL = 0.008, 5.0, 5.0  # of l, of the errors of an outline, and of most of its odd part
+
+
+def _juts_out(odd: Floats, error: float) -> bool:
+    """Return whether an outline is far from its mirror image at one place alone, as it is where something sticks."""
+    away, usual = np.abs(uniform_filter1d(np.nan_to_num(odd), 3, mode="wrap")).max(), np.nanquantile(np.abs(odd), 0.75)
+    return bool(away > max(_LEAST_BUMP, _OF_ERROR * error, _OF_USUAL * usual))
+
+
 def _of_turn(points: Floats, turn: float) -> Floats:
     """Return how much less L_z and the distance of the nose are of an outline whose axis is turned back to the flow."""
     if abs(turn) < _LEVEL:
@@ -363,7 +374,10 @@ def measurement_of_lengths(
     if status.ok and outline is not None:
         odd, turn = on_mirror(outline.points)
         askew, of_turn = askew_size(outline.points, outline.noise, odd), _of_turn(outline.points, turn)
-        status = Status.LOPSIDED if askew > MOST_ASKEW else status
+        if _juts_out(odd, outline.noise.scale):
+            status = Status.DOUBLET
+        elif askew > MOST_ASKEW:
+            status = Status.LOPSIDED
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]

@@ -143,6 +143,7 @@ _WIDTHS = 0.1  # largest relative difference of the channel's width between file
 _RATES = 2.0  # largest ratio of the flow rates: that of the sample alone is a fraction
 _SLOPES = np.linspace(-0.12, 0.12, 121)  # of the channel to the rows
 _LINES = 2.0  # px: standard deviation of a wall's bundle of lines
+_DARK = 0.03  # of the light between: a wall is darker
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ def measure_rtdc(
     sampled = sorted(evenly_spaced(file.events, _SAMPLED))
     seen = list(file.pictures(sampled))
     empty = temporal_median([image for image, _ in seen])
-    walls = _walls(empty, experiment, pixel_size, axis)
+    walls = _walls(empty, experiment, pixel_size, axis, str(file.path))
     gain = transmission(np.ones_like(empty), empty)
     shift = float(np.median([edge_shift(image * gain, walls, [blob_of_mask(mask, walls)]) for image, mask in seen]))
     flash = None if file.flash_duration is None else Quantity(file.flash_duration, unit="s")
@@ -230,18 +231,22 @@ def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity)
         raise InputError(str(file.path), "events", "at least three", str(file.events))
 
 
-def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any) -> WallLines:
+def _walls(empty: Floats, experiment: Experiment, pixel_size: Quantity, axis: Any, where: str) -> WallLines:
     """Return the walls around the axis that is stated, by default where the empty channel is darkest."""
     walls = ByHand(pixel_size=pixel_size, axis=axis).lines(empty.shape, experiment.half_width)
     assert walls is not None, "a pixel size is stated"
     if axis is not None:
         return walls
-    row, tilt = _darkest(empty, walls.half_width)
+    row, tilt, dark = _darkest(empty, walls.half_width)
+    if not dark > _DARK:
+        expected = f"two dark walls {2.0 * walls.half_width:.0f} px apart, seen in the median of the events"
+        got = f"{max(dark, 0.0):.1%} less light there than between"
+        raise InputError(where, "events/image", expected, got, "state the row of the channel's axis (--axis)")
     return replace(walls, centre_row=row, tilt=tilt, line_width=_LINES)
 
 
-def _darkest(empty: Floats, half_width: float) -> tuple[float, float]:
-    """Return the row [px] at which the channel's axis crosses the middle column, and its tilt."""
+def _darkest(empty: Floats, half_width: float) -> tuple[float, float, float]:
+    """Return the row [px] at which the axis crosses the middle column, its tilt, and how dark the fainter wall is."""
     # at this magnification a wall is a bundle of dark lines, none of which is the wall by itself
     rows, columns = empty.shape
     middle = 0.5 * (columns - 1)
@@ -253,9 +258,11 @@ def _darkest(empty: Floats, half_width: float) -> tuple[float, float]:
             slope, level, most = float(trial), sheared, float(sheared.var())
     vertical = half_width * np.hypot(1.0, slope)  # half the distance between the walls, along a column
     candidates = np.arange(vertical, rows - 1.0 - vertical, 0.25)
-    row = 0.5 * (rows - 1)
-    if len(candidates):
-        blurred = gaussian_filter1d(level, _LINES)
-        dark = sum(np.interp(candidates + side * vertical, np.arange(rows), blurred) for side in (-1.0, 1.0))
-        row = float(candidates[np.argmin(dark)])
-    return row, float(np.arctan(slope))
+    if len(candidates) == 0:
+        return 0.5 * (rows - 1), float(np.arctan(slope)), 0.0
+    blurred = gaussian_filter1d(level, _LINES)
+    at_walls = np.array([np.interp(candidates + side * vertical, np.arange(rows), blurred) for side in (-1.0, 1.0)])
+    best = int(np.argmin(at_walls.sum(axis=0)))
+    between = np.median(level[np.abs(np.arange(rows) - candidates[best]) < 0.5 * vertical])
+    dark = 1.0 - float(at_walls[:, best].max() / between)
+    return float(candidates[best]), float(np.arctan(slope)), dark

@@ -25,6 +25,8 @@ _FLOOR = 0.005  # px: smallest spread of the strips about a wall
 _SCATTER = 0.7  # px: largest spread of the strips about a wall
 _UNLIKE = 0.09  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
 _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
+_OF_STEP = 0.13  # 1/px: of the square of that width, times the step of the light there over the line's darkness
+_BROAD, _OF_BROAD = 3.4, 0.5  # px: width from which on a line is not seen whole; its error over its width
 
 
 @dataclass(frozen=True)
@@ -199,7 +201,12 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     half = 0.5 * np.cos(tilt)
     width = median(lines.width[fit.kept])
     variance = half**2 * (covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]) + 0.5 * (_MISFIT * width) ** 2
-    of_upper, of_lower = (median(lines.width[wall & fit.kept]) for wall in (below == 0.0, below == 1.0))
+    walls = [(side == below) & fit.kept for side in (0.0, 1.0)]
+    dark, step = (np.array([median(lines.coefficients[wall, of]) for wall in walls]) for of in (0, 2))
+    variance += (_OF_STEP * width**2 * float(np.mean(step / dark * [1.0, -1.0]))) ** 2
+    of_upper, of_lower = (median(lines.width[wall]) for wall in walls)
+    if width > _BROAD:
+        variance += (_OF_BROAD * width) ** 2
     if abs(of_upper - of_lower) > _UNLIKE * width:
         variance += (of_upper - of_lower) ** 2
     return WallLines(
