@@ -380,8 +380,11 @@ def _judged(made: Study, search: Search, report: _Progress) -> Study:
     made = replace(made, calibration=calibration, verification=verification)
     known = all(_established(each.effect, made.measured) for each in effects)
     likely = odds.margin(odds.best) > (0.0 if known else calibration.threshold)
-    if not likely or verification.p_value > _HELD_OUT or len(odds.alike[odds.best] & {*in_question}) > 1:
-        return replace(made, verdict=Verdict.AMBIGUOUS, something_else=something_else or len(in_question) == 1)
+    searched = len(odds.best) > 1 and not known  # the best of many pairs, which the threshold does not know of
+    alone = len(odds.alike[odds.best] & {*in_question}) == 1
+    if searched or not likely or verification.p_value > _HELD_OUT or not alone:
+        something_else = something_else or searched or len(in_question) == 1
+        return replace(made, verdict=Verdict.AMBIGUOUS, something_else=something_else)
     extended = made.model
     for scores in effects:
         extended = extended + scores.effect
