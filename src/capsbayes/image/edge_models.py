@@ -116,7 +116,7 @@ def _bridge(start: Floats, back: Floats, stop: Floats, on: Floats) -> Floats:
 # step by variable projection with the Jacobian of Kaufman 1975, BIT 15, 49 (doi 10.1007/BF01932995)
 
 _ITERATIONS = 12
-_TOLERANCE = 2e-3  # px
+_TOLERANCE, _OF_SHARP = 2e-3, 0.05  # px; the place of an edge that no sample lies on is known to no better
 _NARROWEST, _WIDEST = 0.3, 12.0  # px
 _LONGEST = 1.0, 0.4  # steps of the place [px] and of the logarithm of the width
 _STRAIGHT = 1e-4  # 1/px: a smaller bend is none
@@ -181,7 +181,7 @@ def _locate(  # type: ignore[no-untyped-def]
             place[n] += min(max(step[0], -_LONGEST[0]), _LONGEST[0])
             width[n] *= math.exp(min(max(step[1], -_LONGEST[1]), _LONGEST[1]))
             width[n] = min(max(width[n], _NARROWEST), _WIDEST)
-            converged[n] = abs(step[0]) <= _TOLERANCE
+            converged[n] = abs(step[0]) <= (_OF_SHARP if width[n] == _NARROWEST else _TOLERANCE)
         variance[n] = normal[1, 1] / (normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2)
 
 

@@ -23,6 +23,7 @@ _INSIDE = 0.7  # of a wall's darkness: a line between the two that is darker is 
 _REACH = 9  # px around a wall that are searched
 _FLOOR = 0.005  # px: smallest spread of the strips about a wall
 _SCATTER = 0.7  # px: largest spread of the strips about a wall
+_ROUGH = 0.2  # px: spread from which on a wall is rough, and l differs from place to place by as much
 _UNLIKE = 0.09  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
 _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
 _OF_STEP = 0.13  # 1/px: of the square of that width, times the step of the light there over the line's darkness
@@ -207,6 +208,8 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     of_upper, of_lower = (median(lines.width[wall]) for wall in walls)
     if width > _BROAD:
         variance += (_OF_BROAD * width) ** 2
+    if fit.spread > _ROUGH:
+        variance += fit.spread**2
     if abs(of_upper - of_lower) > _UNLIKE * width:
         variance += (of_upper - of_lower) ** 2
     return WallLines(
