@@ -230,16 +230,15 @@ def refinement_words(refinement: Mapping[str, Any]) -> Iterator[str]:
     rounds = sum(each["simulated"] > 0 for each in refinement["rounds"])
     new = refinement["states"] - refinement["reused"]
     yield (
-        f"{refinement['states']} states of refinement {refinement['refinement']} were added to the model where the "
-        f"posterior lies: {refinement['reused']} of earlier runs, {new} new ones in {rounds} "
-        f"{'round' if rounds == 1 else 'rounds'}. The error of the model makes up {after} of the variance of ln G_s, "
-        f"without them {before}."
+        f"States of refinement {refinement['refinement']} were added to the model where the posterior lies: "
+        f"{refinement['reused']} of earlier runs, {new} new in {rounds} {'round' if rounds == 1 else 'rounds'}. "
+        f"The error of the model makes up {after} of the variance of ln G_s, without them {before}."
     )
     if refinement["agrees"] is not None:
         tests = refinement["rounds"][-1]
         verdict = "that is as stated" if refinement["agrees"] else "it is understated, and the intervals are too narrow"
         yield (
-            f"At {tests['tested']} states that the model had not seen, its error was {tests['score']:.2g} times the "
+            f"At states that the model had not seen ({tests['tested']}), its error was {tests['score']:.2g} times the "
             f"stated one: {verdict}."
         )
     if not refinement["small"]:
