@@ -296,10 +296,12 @@ class _Edge:
         inside = dark[end:]
         if depth[end] > _BREADTH * half or end == top or quantile(np.abs(inside), 0.9) > _FAINT * dark[top]:
             return None
-        line = uniform_filter1d(_across(light, outline, -depth[: end + 1]), _ALIKE, axis=0, mode="wrap")
-        between = self.level - np.linspace(0.0, max(median(inside), 0.0), end + 1)  # outside and inside
-        darker = np.maximum(between - line, 0.0)
-        middle = darker @ depth[: end + 1] / np.maximum(darker.sum(axis=1), 1e-9)
+        line = self.level - uniform_filter1d(_across(light, outline, -depth[: end + 1]), _ALIKE, axis=0, mode="wrap")
+        within, middle = depth[: end + 1], np.full(len(line), float(depth[top]))
+        for _ in range(3):  # what is darker inside begins at the middle
+            own = line - max(median(inside), 0.0) * np.clip(within - middle[:, None] + 0.5, 0.0, 1.0)
+            core = np.maximum(own - 0.5 * own.max(axis=1, keepdims=True), 0.0)
+            middle = core @ within / np.maximum(core.sum(axis=1), 1e-9)
         return np.where(self.kept, middle, median(middle[self.kept]))
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:

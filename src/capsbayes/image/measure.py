@@ -57,6 +57,7 @@ from capsbayes.status import Status
 _ARC_SHARE = 0.6  # of an arc's error that is in its points
 _MISFIT = 0.024  # 1/px: error along the edge over the square of its width
 _OF_SHIFT = 0.5  # of the error of a smoothed picture's edges, which differ as their dark lines do
+_OF_LINE, _OF_REAR = 0.1, 0.5  # of the depth of the edge in a membrane's line, into which that of a concave rear runs
 _FACING = 0.8  # cosine of a normal's angle to the channel, least at the ends
 _BAND = 1.5  # of the square of the width at the nose: in drawn pictures that at the rear is 0.8 to 1.35 of it
 
@@ -79,9 +80,11 @@ class EdgeErrors:
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
         misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
+        misfit = np.hypot(misfit, _OF_LINE * detection.middle)
         facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
+        band = float(np.hypot(band, _OF_REAR * detection.middle))
         return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band)
 
 
