@@ -49,7 +49,7 @@ def main():
     print("Q [uL/min]   G_s [mN/m] before   after")
     for rate, (_, without) in before.modulus_at_flow_rates.items():
         within = after.modulus_at_flow_rates[rate][1]
-        print(f"{6e10 * rate:10.2f}   {1e3 * without:17.1f}   {1e3 * within:5.1f}")
+        print(f"{6e10 * rate:10.2f}   {1e3 * without:17.2f}   {1e3 * within:5.2f}")
     print(f"G_s [mN/m] = {1e3 * after.median_modulus:.1f}")
     if arguments.picture:
         picture(before, after, arguments.picture)

@@ -303,7 +303,7 @@ class Blob:
 def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
     """Find the dark blobs between the walls, from left to right, without what lies in erased boxes (k, 4) [px]."""
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
-    between = _between(walls, light.shape)
+    between = between_walls(walls, light.shape)
     least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
     # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
     darkest = dark[between & (dark >= 2.0 * least)]
@@ -366,7 +366,8 @@ def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
 
 
 @lru_cache(maxsize=1)  # the frames of a film share it
-def _between(walls: WallLines, shape: tuple[int, int]) -> Booleans:
+def between_walls(walls: WallLines, shape: tuple[int, ...]) -> Booleans:
+    """Return which pixels of a picture lie between the walls and off their lines."""
     mask = walls.between(shape, 0.5 * walls.line_width)
     mask.flags.writeable = False
     return mask

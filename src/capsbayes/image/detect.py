@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
 from capsbayes.arrays import Booleans, Floats, Integers
-from capsbayes.image.background import Blob
+from capsbayes.image.background import Blob, between_walls
 from capsbayes.image.edge_models import median, quantile, rounded
 from capsbayes.image.edges import (
     EDGE_FLOOR,
@@ -239,7 +239,7 @@ _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
 _RING = 2.5, 9, 11  # of the edge's width, from which it is sought; px, up to which, and up to which the light is level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
-_EVERY, _MOST = 7, 0.75  # pixels of the channel, and the quantile of their light
+_EVERY, _MOST = 3, 0.75  # rows and columns of the channel, and the quantile of its light
 _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are left outside, where two overlap 0.36
 
 
@@ -276,7 +276,8 @@ class _Edge:
         level = float(profile[along >= beyond].mean())
         ring = level - profile[along >= first * median(outline.edge_width)].min()
         darkest = max(level - float(profile.min()), 1e-6)
-        full = quantile(light[walls.between(light.shape)][::_EVERY], _MOST)
+        every = slice(None, None, _EVERY), slice(None, None, _EVERY)
+        full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
         return cls(kept, level, full, darkest, max(float(ring), 0.0) / darkest)
 
     @property
