@@ -82,7 +82,7 @@ def measure(
     picture: Annotated[
         Path,
         Input(
-            "PNG, TIFF or JPEG of one capsule between the two walls; a film: AVI, MP4, TIFF of several pages, or "
+            "PNG, TIFF, JPEG or BMP of one capsule between the two walls; a film: AVI, MP4, TIFF of several pages, or "
             "a folder of pictures; a contour: CSV or text of points, ImageJ .roi, LabelMe .json; or an .rtdc file."
         ),
     ],

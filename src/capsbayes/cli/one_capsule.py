@@ -82,7 +82,7 @@ def identify(
     capsule: Annotated[
         Path,
         Input(
-            "TOML file of the capsule: lengths, velocity, its experiment's file; or a picture (PNG, TIFF, JPEG), "
+            "TOML file of the capsule: lengths, velocity, its experiment's file; or a picture (PNG, TIFF, JPEG, BMP), "
             "which is measured first."
         ),
     ],

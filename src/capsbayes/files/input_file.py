@@ -20,7 +20,7 @@ from capsbayes.quantity import LARGEST, Quantity
 Reader = Callable[[Any, str, str], Any]
 """Function of a value, the file and the dotted key; it returns what the value means, or raises InputError."""
 
-PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 
 Keys = Mapping[str, Reader] | Collection[str]

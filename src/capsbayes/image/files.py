@@ -227,7 +227,6 @@ def in_rgb_order(pixels: Pixels) -> Pixels:
 
 # A film as the camera recorded it: a folder of pictures, a TIFF file of many pages, or an AVI or MP4 file
 
-FRAMES = (*PICTURES, ".bmp")
 _PAGES = 32  # of a TIFF file read at once
 _LEAST_BYTES = 8  # of a frame in a video
 
@@ -253,7 +252,7 @@ class Film:
                     if images := check_size(picture, str(picture), most=MOST_IN_FRAMES):
                         check_single(images, str(picture))
             if not pictures:
-                raise InputError(where, "", f"pictures ({', '.join(FRAMES)})", "a folder without any")
+                raise InputError(where, "", f"pictures ({', '.join(PICTURES)})", "a folder without any")
             return cls(path, len(pictures))
         check_file(path, "film")
         if kind_of(path) in VIDEO_KINDS:
@@ -337,7 +336,7 @@ def _read_pages(path: Path, start: int, count: int) -> list[Pixels]:
 def _pictures(folder: Path) -> list[Path]:
     """Return the pictures of a folder in the order of the numbers in their names: 9 before 10."""
     return sorted(
-        (path for path in folder.iterdir() if path.suffix.lower() in FRAMES),
+        (path for path in folder.iterdir() if path.suffix.lower() in PICTURES),
         key=lambda path: [
             (part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", path.name)
         ],
