@@ -83,7 +83,7 @@ def test_there_is_a_field_for_whatever_an_experiment_states(text, tmp_path):
 def test_a_velocity_is_needed_with_a_viscosity_and_left_out_with_the_product_of_both(tmp_path):
     desk, step, _ = filled(tmp_path, EVERYTHING, velocity="6.2")
     assert (desk.stated.velocity, step.complete) == ("6.2 mm/s", True)
-    for typed in ("6.2 +/- 1% mm/s", "6.2 +/- 1%", "0.62 cm/s +/- 62 um/s"):
+    for typed in ("6,2 +/- 0,062 mm/s", "6.2 +/- 1% mm/s", "6.2 +/- 1%", "0.62 cm/s +/- 62 um/s"):
         desk, _, _ = filled(tmp_path, EVERYTHING, velocity=typed)
         assert Quantity.of(desk.stated.velocity).parameters == pytest.approx((6.2e-3, 6.2e-5))
     desk, step, _ = filled(tmp_path, TENSION, velocity="6.2")
@@ -102,3 +102,9 @@ def test_a_key_that_no_experiment_has_is_refused_by_its_name(tmp_path):
     _, step, said = filled(tmp_path, TENSION + 'colour = "red"\n')
     assert (step.complete, said) == (False, "Expected the file of an experiment: the form has no field for colour")
     assert not (tmp_path / "experiment.toml").exists()
+
+
+def test_a_file_in_si_is_shown_in_the_units_of_the_form(tmp_path):
+    text = 'cross_section = "square"\nhalf_width = "2.5e-05 +/- 2e-07 m"\nviscosity = "8e-1 Pa s"\n'
+    desk, _, _ = filled(tmp_path, text)
+    assert (desk.experiment["half_width"], desk.experiment["viscosity"]) == ("25 +/- 0.2 um", "0.8 Pa s")

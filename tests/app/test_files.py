@@ -12,9 +12,11 @@ from drawn import drawn
 from typer.testing import CliRunner
 
 from capsbayes.app import identifying, measuring
-from capsbayes.app.stated import Stated
+from capsbayes.app.stated import EXAMPLE, Stated
 from capsbayes.cli import app
 from capsbayes.errors import CapsbayesError
+from capsbayes.experiment import Experiment
+from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +45,7 @@ def test_a_picture_is_shown_and_measured_before_anything_else_is_stated(folder):
     upper, _, lower, _ = found["walls"]
     assert lower - upper == pytest.approx(110.0, abs=0.5)
     assert len(found["outline"]) > 50
-    assert [row[0] for row in found["rows"]] == ["L_z", "L_a", "l"]
+    assert [row[0] for row in found["rows"]] == ["L<sub>z</sub>", "L<sub>a</sub>", "ℓ"]
 
 
 def test_what_is_put_right_by_hand_is_measured_again(folder):
@@ -82,6 +84,14 @@ def test_a_beginner_sees_what_the_page_of_the_bench_promises(tmp_path):
     assert numbers[:3] == pytest.approx(said[:3], abs=0.11)
     assert numbers[3:] == pytest.approx(said[3:], abs=0.011)
     assert (len(said), found["ok"]) == (6, True)
+
+
+def test_the_example_of_the_page_is_that_of_the_examples():
+    kept = (ROOT / "src/capsbayes/app/example.png").read_bytes()
+    assert kept == (ROOT / "examples/pictures/capsule.png").read_bytes()
+    stated = Experiment.read(ROOT / "examples/pictures/experiment.toml")
+    for name in ("half_width", "viscosity"):
+        assert Quantity.of(EXAMPLE[name]) == getattr(stated, name)
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ def statuses(desk, monkeypatch):
         async with user_simulation(lambda: made.append(many.ManyStep(desk, lambda: None, chosen))) as user:
             await user.open("/")
             upload = next(iter(user.find(ui.upload).elements))
-            await upload.handle_uploads([ui.upload.SmallFileUpload(name, "", PICTURE) for name in ("a.png", "b.png")])
+            await upload.handle_uploads([ui.upload.SmallFileUpload(f"{x}.png", "", PICTURE + x.encode()) for x in "ab"])
             while len(made[-1]._files) < 2:
                 await asyncio.sleep(0.05)
             user.find("Measure them all").click()
@@ -78,7 +78,7 @@ def test_the_next_flow_rate_is_computed_for_the_last_capsule_wherever_it_is_kept
 
     async def pressed():
         desk = Desk(Bench(tmp_path), folder=kept.parent)
-        async with user_simulation(lambda: many.PopulationStep(desk).grown(SUMMARY)) as user:
+        async with user_simulation(lambda: many.PopulationStep(desk, print).grown(SUMMARY)) as user:
             await user.open("/")
             user.find("At which flow rate next?").click()
             await user.should_see("printed")

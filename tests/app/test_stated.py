@@ -65,10 +65,10 @@ SHARED = {"--pixel-size": "0.34 um", "--shared-velocity": "6 +/- 1 mm/s", "--flo
 
 @pytest.mark.parametrize(
     ("name", "film", "options"),
-    [("a.avi", True, {"--frame-rate": "400 Hz"}), ("a.rtdc", False, SHARED), ("a.png", False, EACH)],
+    [("a.avi", True, {}), ("a.rtdc", False, SHARED), ("a.png", False, EACH)],
 )
 def test_each_kind_of_file_is_measured_with_the_options_that_it_takes(name, film, options):
-    stated = {"flow_rate": "1 uL/s", "frame_rate": "400 Hz", "pixel_size": "0.34 um", "flow": ""}
+    stated = {"flow_rate": "1 uL/s", "pixel_size": "0.34 um", "flow": ""}
     words = measure_command(name, film=film, velocity="6 +/- 1 mm/s", **stated)
     assert words[:5] == ["capsbayes", "measure", name, "--experiment", "experiment.toml"]
     assert dict(zip(words[5::2], words[6::2], strict=True)) == {**options, "--out": "."}

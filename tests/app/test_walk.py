@@ -3,7 +3,9 @@
 With ``CAPSBAYES_PICTURES=docs/pictures`` in the environment the first test renews the pictures of ``docs/app.md``.
 """
 
+import base64
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -91,6 +93,87 @@ def test_from_a_picture_to_the_saved_report(bench, browser, picture, tmp_path):
     page.close()
 
 
+def test_the_example_leads_to_the_saved_report_by_the_keyboard_alone(bench, browser):
+    page, said = opened(browser, bench[1])
+    tabbed(page, page.get_by_role("button", name="Try the example"))
+    page.keyboard.press("Enter")
+    page.get_by_text("The capsule was measured").wait_for()
+    help_of = page.get_by_role("button", name="What is this: Half width of the channel")
+    tabbed(page, help_of)
+    page.keyboard.press("Enter")
+    page.get_by_text("25 µm in a channel that is 50 µm wide").wait_for()
+    page.keyboard.press("Escape")
+    tabbed(page, ready(page.get_by_role("button", name="Identify", exact=True).first))
+    page.keyboard.press("Enter")
+    page.locator(".bench-headline").first.wait_for()
+    sync.expect(page.locator(".bench-densities figure")).to_have_count(2)
+    assert "50.1 mN/m" in page.locator(".bench-headline").first.inner_text()
+    tabbed(page, ready(page.get_by_role("button", name="Save the report")))
+    page.keyboard.press("Enter")
+    page.get_by_role("link", name="Open the report").wait_for()
+    page.get_by_text("The code that does the same").click()
+    script = page.locator(".bench-details .bench-commands").last.inner_text()
+    (folder,) = (path for path in bench[0].glob("example*") if path.name in script)
+    before = Posterior.read(folder / "posterior.nc")
+    (folder / "posterior.nc").unlink()
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+    after = Posterior.read(folder / "posterior.nc")
+    assert after.marginals["surface_shear_modulus"] == before.marginals["surface_shear_modulus"]
+    assert said == []
+    page.close()
+
+
+def test_a_folder_that_is_dropped_becomes_a_population_and_no_file_counts_twice(browser, tmp_path):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = opened(browser, address)
+        filled(page, FIELDS | {"Or flow rate in the channel": ("0.5625", "0.006")})
+        picture = base64.b64encode((EXAMPLES / "capsule.png").read_bytes()).decode()
+        names = ["one.png", "again.png", "notes.txt"]
+        page.evaluate(DROPPED, [picture, names])
+        page.get_by_text(re.compile("was given before, as (one|again), and is left out")).wait_for()
+        sync.expect(page.locator(".bench-many .bench-file")).to_have_count(1)
+        tabbed(page, ready(page.get_by_role("button", name="Measure them all")))
+        page.keyboard.press("Enter")
+        page.get_by_text("1 capsule in").wait_for()
+        tabbed(page, ready(page.get_by_role("button", name="Look at all together")))
+        page.keyboard.press("Enter")
+        page.get_by_role("link", name="Open population.html").wait_for()
+        page.frame_locator("iframe.bench-page").get_by_text("1 capsule").first.wait_for()
+        page.get_by_text("List of them").click()
+        page.get_by_role("button", name=re.compile("Remove .* from all capsules")).click()
+        page.get_by_text("0 capsules in").wait_for()
+        assert said == []
+        page.close()
+
+
+DROPPED = """([picture, names]) => {
+  const bytes = Uint8Array.from(atob(picture), (letter) => letter.charCodeAt(0));
+  const files = names.map((name) => ({ name, isFile: true, file: (found) => found(new File([bytes], name)) }));
+  let some = [files, []];
+  const folder = { name: "batch", isFile: false, isDirectory: true };
+  folder.createReader = () => ({ readEntries: (found) => found(some.shift()) });
+  const event = new Event("drop", { bubbles: true, cancelable: true });
+  event.dataTransfer = { types: ["Files"], items: [{ webkitGetAsEntry: () => folder }] };
+  document.querySelector(".bench-many").dispatchEvent(event);
+}"""
+
+
+def test_a_field_says_what_is_wrong_with_it_when_it_is_left_and_reads_a_decimal_comma(bench, browser):
+    page, _ = opened(browser, bench[1])
+    field = page.get_by_label("Viscosity of the liquid around", exact=True)
+    field.fill("thick")
+    field.blur()
+    page.get_by_text("Expected a text in Pa s").first.wait_for()
+    for typed in ("0,85", "0.85"):
+        field.fill(typed)
+        field.blur()
+        page.get_by_text("Expected a text in Pa s").wait_for(state="detached")
+        page.get_by_text("The half width is missing.").wait_for()
+    page.locator("input[type=file]").first.set_input_files(Path(__file__))
+    page.get_by_text("test_walk.py is of another kind than .png").wait_for()
+    page.close()
+
+
 def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_population(bench, browser, tmp_path):
     folder, address = bench
     before = len(list(folder.glob("*/**/measurement.toml")))
@@ -100,7 +183,7 @@ def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_popul
     rows = page.locator(".bench-file")
     sync.expect(rows).to_have_count(3, timeout=WAIT)
     sync.expect(rows.locator("img")).to_have_count(3)
-    of_many = {"Frame rate of a film": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")}
+    of_many = {"Frame rate of films": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")}
     filled(page, FIELDS | of_many | {"Or flow rate in the channel": ("0.5625", "0.006")})
     ready(page.get_by_role("button", name="Measure them all")).click()
     page.locator(".bench-progress").get_by_text("frames of film.avi").wait_for()
@@ -116,7 +199,7 @@ def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_popul
     page.get_by_text(f"{before + 5} capsules in").wait_for()
     assert said == []
     lines = commands.inner_text().splitlines()
-    command = shlex.split(next(line for line in lines if "film.avi" in line).partition("; ")[2])
+    command = shlex.split(next(line for line in lines if "measure film.avi" in line))
     shutil.copytree(folder / "film", tmp_path / "film")
     shutil.rmtree(folder / "film" / "capsule-1")
     (folder / "film" / "capsules.csv").unlink()
@@ -172,7 +255,7 @@ def test_a_file_that_is_no_picture_is_refused_in_one_line_and_leaves_nothing(ben
     broken.write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 100)
     page, _ = opened(browser, bench[1])
     page.locator("input[type=file]").first.set_input_files(broken)
-    page.get_by_text("expected a picture (PNG, TIFF or JPEG)").wait_for()
+    page.get_by_text("expected a whole PNG file").wait_for()
     assert not (bench[0] / "broken").exists()
     page.close()
 
@@ -260,14 +343,15 @@ def test_a_capsule_of_a_film_is_identified_as_its_commands_say_and_leads_to_the_
         flow, together = (page.get_by_role("button", name=name) for name in ("At which flow rate", "Look at all"))
         sync.expect(flow).to_be_disabled()
         page.locator("input[type=file][multiple]").set_input_files(EXAMPLES / "film.avi")
-        filled(page, FIELDS | {"Frame rate of a film": ("400", "")})
+        filled(page, FIELDS | {"Frame rate of films": ("400", "")})
         ready(page.get_by_role("button", name="Measure them all")).click()
         ready(page.get_by_label("Identify capsule-1 of film.avi")).click()
         page.get_by_text("capsule-1 of film").first.wait_for()
         ready(page.get_by_role("button", name="Identify", exact=True).first).click()
         ready(page.get_by_role("button", name="Save the report")).click()
         page.get_by_role("link", name="Open the report").wait_for()
-        change, identify, report = page.locator(".bench-columns .bench-commands").inner_text().splitlines()
+        page.get_by_text("The code that does the same").click()
+        change, identify, report = page.locator(".bench-details .bench-commands").first.inner_text().splitlines()
         folder = Path(shlex.split(change)[1])
         assert folder == tmp_path / "bench" / "film" / "capsule-1"
         saved = {path: path.read_bytes() for path in folder.iterdir() if not path.name.startswith(".")}
@@ -283,7 +367,7 @@ def test_a_capsule_of_a_film_is_identified_as_its_commands_say_and_leads_to_the_
         link.wait_for()
         report = page.context.request.get(link.evaluate("link => link.href"))
         assert report.status == 200
-        diagnose = page.get_by_role("button", name="What does the model miss? from 10 capsules on")
+        diagnose = page.get_by_role("button", name="What does the model miss? from 12 capsules on")
         sync.expect(diagnose).to_be_disabled()
         assert said == []
         page.close()

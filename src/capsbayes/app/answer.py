@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from capsbayes.app.desk import Desk
-from capsbayes.app.fields import Overlay, button, choice, result, show_commands, step
+from capsbayes.app.fields import Overlay, button, choice, result, show_commands, show_lines, step
 from capsbayes.app.worker import WorkFailedError
 
 _MEMBRANES = {"": "neo-Hookean", "Skalak": "Skalak", "Blatz-Ko": "Blatz-Ko", "unknown": "unknown"}
@@ -37,9 +37,13 @@ class AnswerStep:
             self._stop = button("Stop", lambda: desk.bench.identifying.stop())
             self._stop.bind_visibility_from(self._waiting, "visible")
             self._result = result()
-        with step("5. Save"):
+
+    def closer(self) -> None:
+        """Build step five."""
+        with step("5. Look closer, and save"):
             self._save = button("Save the report and all files", self._write, "")
             self._files = result()
+            self._details = result().classes("bench-details")
         self.allow("Give a picture first.")
 
     def allow(self, missing: str) -> None:
@@ -51,8 +55,8 @@ class AnswerStep:
         """Forget what was computed from other statements."""
         self._answer = {}
         self._save.enabled = False
-        self._result.clear()
-        self._files.clear()
+        for part in (self._result, self._files, self._details):
+            part.clear()
         self._overlay.put(predicted=None)
 
     async def _identify(self) -> None:
@@ -70,7 +74,7 @@ class AnswerStep:
             self._save.enabled = True
             picture = await self.desk.identified("corner", stated=asked[0])
             if self._answer is answer:
-                with self._result:
+                with self._details:
                     ui.html(picture, sanitize=False).classes("bench-corner")
         except WorkFailedError as error:
             with self._result:
@@ -83,14 +87,21 @@ class AnswerStep:
         with self._result:
             headlines = "".join(f"<p class='bench-headline'>{text}</p>" for text in answer["headlines"])
             ui.html(headlines, sanitize=False).mark("headline")
+            ui.html("".join(answer["densities"]), sanitize=False).classes("bench-densities")
             ui.label(answer["status"]).classes(f"bench-status {'good' if answer['ok'] else 'bad'}")
             if answer["caveats"]:
                 items = "".join(f"<li>{text}</li>" for text in answer["caveats"])
                 ui.html(f"<ul>{items}</ul>", sanitize=False)
-            ui.html(answer["quantities"], sanitize=False).classes("bench-wide")
             ui.html(f"<p>{answer['budget_sentence']}</p>{answer['budget']}", sanitize=False).classes("bench-wide")
-            with ui.expansion("Checks of the computation"):
-                ui.html(answer["gates"], sanitize=False).classes("bench-wide")
+        with self._details, ui.element("div"):
+            for title, unfolded in (("All quantities", True), ("Checks of the computation", False)):
+                with ui.expansion(title, value=unfolded):
+                    ui.html(answer[title], sanitize=False).classes("bench-wide")
+            with ui.expansion("The code that does the same"):
+                assert self.desk.folder is not None, "of an identified capsule"
+                show_commands(self.desk.stated.commands(self.desk.folder), "make the files that are saved")
+                ui.label("Or in Python:")
+                show_lines(self.desk.stated.script(self.desk.folder))
 
     async def _write(self) -> None:
         self._save.enabled, self._waiting.visible = False, True
@@ -110,5 +121,4 @@ class AnswerStep:
             address = self.desk.bench.offer(folder / "report.html")
             ui.link("Open the report", address, new_tab=True).mark("report")
             ui.label(f"Files: {', '.join(names)}.")
-            show_commands(self.desk.stated.commands(folder), "make the same files")
         self._saved(self._answer["summary"])

@@ -16,7 +16,8 @@ from capsbayes.errors import CapsbayesError
 from capsbayes.experiment import Camera, Experiment
 from capsbayes.files.output_file import guarded
 
-MOST_BYTES = 2**29
+MOST_MB = 512
+MOST_BYTES = MOST_MB << 20
 """Size of the largest file that is taken."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -10,11 +11,19 @@ from typing import Any
 
 from nicegui import ui
 from nicegui.element import Element
+from nicegui.events import GenericEventArguments
 
-from capsbayes.app.desk import MOST_BYTES
+from capsbayes.app.desk import MOST_BYTES, MOST_MB
+from capsbayes.app.stated import page_words
+from capsbayes.errors import InputError
+from capsbayes.parameters import PARAMETERS
+from capsbayes.quantity import Quantity
 
 _PAIR = re.compile(r"^\s*(?P<value>[^\s+]+)(?:\s*\+/-\s*(?P<error>\S+))?(?:\s+(?P<unit>\S.*))?$")
 _WITH_UNIT = re.compile(r"[^\W\d_eE]|°")  # a letter that is no exponent's
+_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d.,])")
+_EXPONENT = re.compile(r"\de[+-]?\d", re.IGNORECASE)
+_OF_THOUSANDS = 3  # digits behind a comma that may separate thousands
 FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the left"}
 
 
@@ -46,13 +55,16 @@ def button(text: str, pressed: Callable[..., Any], look: str = "outline ") -> ui
     return ui.button(text, on_click=pressed).props(f"{look}no-caps")
 
 
-def upload(
-    label: str, kinds: Iterable[str], given: Callable[..., Any], mark: str, rejected: str = "", **how: Any
-) -> ui.upload:
-    """Return a place to drop files of some kinds, which says why it rejects a large one."""
-    if rejected:
-        how |= {"max_file_size": MOST_BYTES, "on_rejected": lambda: ui.notify(rejected, type="negative")}
-    place = ui.upload(label=label, auto_upload=True, on_upload=given, **how)
+def upload(label: str, kinds: Sequence[str], given: Callable[..., Any], mark: str, **how: Any) -> ui.upload:
+    """Return a place to drop files of some kinds, which says why it rejects others."""
+    causes = {"accept": f"is of another kind than {', '.join(kinds)}", "max-file-size": f"has over {MOST_MB} MB"}
+
+    def told(event: GenericEventArguments) -> None:
+        for name, cause in event.args:
+            ui.notify(f"{name} {causes.get(cause, 'was given before')}.", type="negative", timeout=10_000)
+
+    place = ui.upload(label=label, auto_upload=True, on_upload=given, max_file_size=MOST_BYTES, **how)
+    place.on("rejected", told, js_handler="(all) => emit(all.map((one) => [one.file.name, one.failedPropValidation]))")
     return place.props(f'accept="{",".join(kinds)}" flat bordered').classes("bench-upload").mark(mark)
 
 
@@ -67,13 +79,30 @@ def show_commands(lines: Iterable[str], what: str) -> None:
     show_lines("\n".join(lines))
 
 
+def explained(what: str, words: str) -> None:
+    """Show a button that opens an explanation beside a field."""
+    about = ui.button(icon="help_outline").props(f'flat round dense size=sm aria-label="What is this: {what}"')
+    with about, ui.menu().classes("bench-help").props('anchor="bottom right" self="top right"'):
+        ui.label(words)
+
+
 class QuantityField:
     """A number, its standard error and its unit, which together are a text like "25.0 +/- 0.2 um".
 
-    The first of the units is there at the beginning; a ratio has none.
+    The first of the units is there at the beginning; a ratio has none. With the name of its parameter it is checked
+    when it is left.
     """
 
-    def __init__(self, label: str, units: Sequence[str] = (), changed: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        label: str,
+        units: Sequence[str] = (),
+        changed: Callable[[], object] = lambda: None,
+        *,
+        name: str = "",
+        words: str = "",
+    ) -> None:
+        self._name = name
         with ui.row(wrap=False).classes("bench-quantity"):
             self._value = ui.input(label, on_change=changed).props("dense outlined").classes("value")
             ui.label("±").classes("sign")
@@ -81,14 +110,30 @@ class QuantityField:
             self._error.props(f'dense outlined aria-label="{label}, error"')
             self._unit = None
             if units:
-                shown = {unit: unit.replace("um", "µm").replace("us", "µs") for unit in units}
+                shown = {unit: re.sub("^u", "µ", unit) for unit in units}
                 self._unit = ui.select(shown, value=units[0], on_change=changed).classes("unit")
                 self._unit.props(f'dense outlined aria-label="{label}, unit"')
+            if words:
+                explained(label, words)
+        self._wrong = ui.label().classes("bench-message").props('role="alert"')
+        for part in (self._value, self._error, self._unit):
+            if part is not None and name:
+                part.on("blur", self._check)
+
+    def _check(self) -> None:
+        """Say below the field what is wrong with it."""
+        self._wrong.text = ""
+        try:
+            if self.text:
+                Quantity.of_text(self.text, self._name, where="", key="")
+        except InputError as error:
+            self._wrong.text = page_words(str(error).removeprefix(": ").capitalize())
+        self._value.props(add="error" if self._wrong.text else "", remove="" if self._wrong.text else "error")
 
     @property
     def text(self) -> str:
         """The quantity as a text, empty where no number is given; a number that has a unit keeps it."""
-        value, error = (self._value.value or "").strip(), (self._error.value or "").strip()
+        value, error = (_with_point(part.value or "").strip() for part in (self._value, self._error))
         if not value:
             return value
         stated = f"{value} +/- {error}" if error else value
@@ -96,7 +141,8 @@ class QuantityField:
 
     @text.setter
     def text(self, text: str) -> None:
-        pair = _PAIR.match(text)
+        self._wrong.text = ""
+        pair = _PAIR.match(self._without_exponent(text))
         unit = "" if pair is None else pair["unit"] or ""
         if pair is None or unit not in ([""] if self._unit is None else self._unit.options):
             self._value.value, self._error.value = text, ""
@@ -104,6 +150,32 @@ class QuantityField:
         if self._unit is not None:
             self._unit.value = unit
         self._value.value, self._error.value = pair["value"], pair["error"] or ""
+
+    def _without_exponent(self, text: str) -> str:
+        """Return a quantity like 2.5e-05 +/- 2e-07 m in the unit that people write it in."""
+        with contextlib.suppress(InputError):
+            if self._unit is not None and self._name and _EXPONENT.search(text):
+                read, parameter = Quantity.of_text(text, self._name, where="", key=""), PARAMETERS[self._name]
+                numbers = [f"{parameter.shown(number):.12g}" for number in (read.value, read.error) if number]
+                if read.shape == "normal":
+                    return f"{' +/- '.join(numbers)} {parameter.shown_unit.replace('µ', 'u')}"
+        return text
+
+
+def _with_point(text: str) -> str:
+    """Return a text with a decimal point for a decimal comma; one before three digits may be of thousands, and stays.
+
+    Examples
+    --------
+    >>> _with_point("0,85"), _with_point("1,234"), _with_point("0,125")
+    ('0.85', '1,234', '0.125')
+    """
+    return _COMMA.sub(_pointed, text)
+
+
+def _pointed(number: re.Match[str]) -> str:
+    thousands = len(number[2]) == _OF_THOUSANDS and number[1] != "0"
+    return number[0] if thousands else f"{number[1]}.{number[2]}"
 
 
 class Progress:

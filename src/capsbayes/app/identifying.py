@@ -31,7 +31,7 @@ from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
 from capsbayes.report.numbers import value_words
 from capsbayes.report.page import picture as figure_html
-from capsbayes.report.posterior_figures import SHOWN, corner_of_all, on_picture
+from capsbayes.report.posterior_figures import SHOWN, corner_plot, density_figure, on_picture
 from capsbayes.report.tables import html_table, typeset
 from capsbayes.report.write import opened, write_report
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
@@ -63,10 +63,11 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
         "ok": posterior.status.ok,
         "status": texts.status_words(posterior),
         "caveats": [typeset(page_words(caveat)) for caveat in texts.caveats(posterior)],
-        "quantities": html_table(texts.quantity_table(posterior)),
+        "densities": [str(figure_html(density_figure(posterior, name), f"density of {name}")) for name in SHOWN[:2]],
+        "All quantities": html_table(texts.quantity_table(posterior)),
         "budget_sentence": typeset(texts.budget_sentence(posterior)),
         "budget": "" if budget is None else html_table(budget),
-        "gates": html_table(texts.check_table(posterior)),
+        "Checks of the computation": html_table(texts.check_table(posterior)),
         "predicted": predicted,
         "summary": {name: (marginals[name].median, marginals[name].sd) for name in SHOWN[:2]},
     }
@@ -76,7 +77,7 @@ def corner(folder: str, stated: Stated) -> str:
     """Return the corner plot of an identified capsule as HTML."""
     with contextlib.chdir(folder):
         posterior = _answer(folder, stated).posterior
-    return str(figure_html(corner_of_all(posterior), "corner plot of the posterior", png=True))
+    return str(figure_html(corner_plot(posterior), "corner plot of the posterior", png=True))
 
 
 def saved(folder: str, stated: Stated) -> list[str]:

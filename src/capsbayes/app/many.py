@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import html
-import shlex
 import shutil
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -17,14 +17,27 @@ from nicegui import events, ui
 from capsbayes.app import fields
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import Progress, QuantityField, button, step
-from capsbayes.app.stated import EVENTS, KINDS, MEASUREMENT, OVERLAY, measure_command, new_folder, page_words, safe_name
+from capsbayes.app.stated import (
+    EVENTS,
+    KINDS,
+    MEASUREMENT,
+    OVERLAY,
+    enter,
+    in_shell,
+    measure_command,
+    new_folder,
+    page_words,
+    safe_name,
+)
 from capsbayes.app.worker import WorkFailedError, printed_by
 
 _MOST_SHOWN = 12  # overlays of one file
 _NO_VELOCITY = (
     "Its velocity is missing: that of step 3 is of one capsule. Type the file's own, or the flow rate in step 3."
 )
-_ENOUGH = 10  # capsules for a diagnosis, half of which are held out
+_ENOUGH = 12  # capsules for a diagnosis, half of which are held out
+_MOST_LISTED = 200  # capsules
+_REPORT = "report.html"
 
 
 @dataclass
@@ -43,6 +56,11 @@ class _File:
         self.status.classes(replace=kind)
 
 
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 class ManyStep:
     """Upload of many files, a list of them with a status each, and their measurement.
 
@@ -53,16 +71,15 @@ class ManyStep:
     def __init__(self, desk: Desk, grown: Callable[[], object], chosen: Callable[[Path], Awaitable[None]]) -> None:
         self.desk, self._grown, self._chosen = desk, grown, chosen
         self._files: list[_File] = []
+        self._kept: dict[str, Path] = {}  # folders by the hash of the content of the file in them
         self._running: asyncio.Task[None] | None = None
-        with step("Many capsules: films, .rtdc files, several pictures").classes("bench-many"):
+        with step("6. Films, .rtdc files, many pictures").classes("bench-many"):
             ui.label("They are measured with the channel and the liquid of step 3, and added to all capsules.")
             ui.label(
                 "Each capsule has a velocity of its own, which a film shows: state the flow rate in step 3, or the "
                 "velocity next to each picture. One velocity for the events of a file needs its spread as the error."
             )
-            rejected = "A file is larger than 512 MB, or of another kind."
-            fields.upload("Drop files here, or choose them with +", KINDS, self._given, "many", rejected, multiple=True)
-            self._rate = QuantityField("Frame rate of a film", ("Hz",))
+            fields.upload("Drop files or a folder here, or choose with +", KINDS, self._given, "many", multiple=True)
             self._pixel = QuantityField("Size of a pixel of an .rtdc file", ("um", "nm"))
             self._flow = fields.choice("Flow in all of them", fields.FLOWS, "")
             with ui.row():
@@ -82,10 +99,15 @@ class ManyStep:
             return
         folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
         await event.file.save(folder / name)
+        sha256 = await asyncio.to_thread(_sha256, folder / name)
+        if (same := self._kept.setdefault(sha256, folder)) != folder:
+            shutil.rmtree(folder)
+            self._message.text = f"{event.file.name} was given before, as {same.name}, and is left out."
+            return
         try:
             seen = await self.desk.bench.measuring.run("shown", folder=str(folder), name=name)
         except WorkFailedError as error:
-            shutil.rmtree(folder)
+            self._forget(folder)
             self._message.text = str(error)
             return
         of_events = name.endswith(EVENTS)
@@ -99,8 +121,24 @@ class ManyStep:
                     label = "Velocity shared by all events, ± its spread" if of_events else "Velocity of this capsule"
                     velocity = QuantityField(label, ("mm/s", "um/s", "m/s"))
                 status = ui.label("waits").classes("bench-told")
-        self._files.append(_File(folder, name, velocity, status, row))
+                remove = button("Remove", lambda: self._removed(file), "flat dense ")
+                remove.props(f'aria-label="Remove {name}"')
+        file = _File(folder, name, velocity, status, row)
+        self._files.append(file)
         self._start.enabled = self._running is None
+
+    def _removed(self, file: _File) -> None:
+        """Take a file off the list, and off the disk with what was measured in it."""
+        if self._running is None:
+            self._files.remove(file)
+            file.row.delete()
+            self._forget(file.folder)
+            self._start.enabled = any(file.waiting for file in self._files)
+            self._grown()
+
+    def _forget(self, folder: Path) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        self._kept = {sha256: other for sha256, other in self._kept.items() if other != folder}
 
     def _pressed(self) -> None:
         self._running = asyncio.create_task(self._measured())
@@ -111,8 +149,8 @@ class ManyStep:
 
     async def _measured(self) -> None:
         """Measure the files that wait, one after the other."""
-        stated = {"flow_rate": self.desk.stated.flow_rate, "frame_rate": self._rate.text}
-        stated |= {"pixel_size": self._pixel.text, "flow": self._flow.value or ""}
+        stated = {"flow_rate": self.desk.stated.flow_rate, "pixel_size": self._pixel.text}
+        stated["flow"] = self._flow.value or ""
         tension = self.desk.experiment.get("viscous_tension")
         done: list[str] = []
         self._start.enabled, self._stop.enabled = False, True
@@ -130,7 +168,7 @@ class ManyStep:
                         continue
                     words = measure_command(file.name, film=film, velocity=velocity, **stated)
                     if await self._measure(file, words):
-                        done.append(f"cd {shlex.quote(str(file.folder))}; {shlex.join(words)}")
+                        done += [enter(file.folder), in_shell(words)]
         finally:
             self._running, self._stop.enabled = None, False
             self._start.enabled = any(file.waiting for file in self._files)
@@ -174,39 +212,68 @@ class ManyStep:
 
 
 class PopulationStep:
-    """Step six: commands over the folder of all capsules, the next flow rate, and what the model misses."""
+    """Step seven: a list of all capsules, commands over their folder, the next flow rate, and what the model misses.
 
-    def __init__(self, desk: Desk) -> None:
-        self.desk = desk
+    The function is called with the folder of a capsule that shall be identified.
+    """
+
+    def __init__(self, desk: Desk, chosen: Callable[[Path], Awaitable[None]]) -> None:
+        self.desk, self._chosen = desk, chosen
         self._last: tuple[Path, dict[str, Any]] | None = None
-        with step("6. All capsules"):
+        self._running: asyncio.Task[None] | None = None
+        with step("7. All capsules"):
             self._count = ui.label()
+            with ui.expansion("List of them"):
+                self._list = ui.column().classes("bench-files")
             with ui.row():
                 self._together = button("Look at all together", self._population)
                 self._flow = button("At which flow rate next?", self._design)
                 self._diagnose = button("What does the model miss?", self._diagnosis)
             self._waiting = Progress()
+            self._stop = button("Stop", lambda: self._running and self._running.cancel())
             self._result = fields.result()
+        self._stop.visible = False
         self.grown()
 
     def grown(self, summary: dict[str, Any] | None = None) -> None:
         """Count the saved capsules; the last one is that of a summary, if there is one."""
         if summary is not None and self.desk.folder is not None:
             self._last = self.desk.folder, summary
-        count = len(list(self.desk.bench.folder.glob("*/**/measurement.toml")))
-        self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {self.desk.bench.folder}."
-        self._together.enabled = count > 0
-        self._flow.enabled = self._last is not None
-        self._diagnose.enabled = count >= _ENOUGH
+        bench, working = self.desk.bench.folder, self._running is not None
+        found = sorted(path.parent for path in bench.glob(f"*/**/{MEASUREMENT}"))
+        count = len(found)
+        self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {bench}."
+        self._together.enabled = count > 0 and not working
+        self._flow.enabled = self._last is not None and not working
+        self._diagnose.enabled = count >= _ENOUGH and not working
         self._diagnose.text = "What does the model miss?" + f" from {_ENOUGH} capsules on" * (count < _ENOUGH)
+        self._list.clear()
+        with self._list:
+            for folder in found[:_MOST_LISTED]:
+                self._listed(folder, folder.relative_to(bench).as_posix())
 
-    async def _population(self) -> None:
+    def _listed(self, folder: Path, name: str) -> None:
+        """Show a capsule, with what can be done with it."""
+        with ui.element("div").classes("bench-file"), ui.element("div"):
+            ui.label(name)
+            if (folder / _REPORT).is_file():
+                ui.link("report", self.desk.bench.offer(folder / _REPORT), new_tab=True)
+            button("Identify", partial(self._chosen, folder), "flat dense ").props(
+                f'aria-label="Identify {name} again"'
+            )
+            remove = button("Remove", partial(self._removed, folder), "flat dense ")
+            remove.props(f'aria-label="Remove {name} from all capsules"')
+
+    def _removed(self, folder: Path) -> None:
+        """Give the measurement of a capsule a name that no command reads; its files stay."""
+        (folder / MEASUREMENT).replace(folder / f"removed-{MEASUREMENT}")
+        self.grown()
+
+    def _population(self) -> None:
         batch = ["capsbayes", "batch", ".", "--out", "population.nc", "--check", "0"]
-        await self._run(
-            [batch, ["capsbayes", "report", "population.nc", "--out", "population.html"]], "population.html"
-        )
+        self._start([batch, ["capsbayes", "report", "population.nc", "--out", "population.html"]], "population.html")
 
-    async def _design(self) -> None:
+    def _design(self) -> None:
         assert self._last is not None, "the button waits for a saved capsule"
         folder, summary = self._last
         modulus, radius = (summary[name] for name in ("surface_shear_modulus", "capsule_radius"))
@@ -215,23 +282,36 @@ class PopulationStep:
             "--shear-modulus", f"{1e3 * modulus[0]:.3g} +/- {1e3 * modulus[1]:.2g} mN/m",
             "--radius", f"{1e6 * radius[0]:.4g} +/- {1e6 * radius[1]:.2g} um",
         ]  # fmt: skip
-        await self._run([["capsbayes", "sensitivity", "flow", *expected, "--like", measured]])
+        self._start([["capsbayes", "sensitivity", "flow", *expected, "--like", measured]])
 
-    async def _diagnosis(self) -> None:
-        await self._run([["capsbayes", "diagnose", ".", "--out", "diagnosis"]], "diagnosis/study.html")
+    def _diagnosis(self) -> None:
+        self._start([["capsbayes", "diagnose", ".", "--out", "diagnosis"]], "diagnosis/study.html")
 
-    async def _run(self, commands: list[list[str]], page: str = "") -> None:
+    def _start(self, commands: list[list[str]], page: str = "") -> None:
+        self._running = asyncio.create_task(self._run(commands, page))
+
+    async def _run(self, commands: list[list[str]], page: str) -> None:
         """Run commands one after the other in the bench's folder; show what the last one printed, and its page."""
         folder = self.desk.bench.folder
         self._result.clear()
+        self._stop.visible = True
+        self.grown()
         status, printed = 0, ""
-        with self._waiting:
-            for words in commands:
-                status, printed = await printed_by(words[1:], folder, self._waiting.show)
-                if status not in (0, 1):
-                    break
+        try:
+            with self._waiting:
+                for words in commands:
+                    status, printed = await printed_by(words[1:], folder, self._waiting.show)
+                    if status not in (0, 1):
+                        break
+        finally:
+            self._running, self._stop.visible = None, False
+            self.grown()
         with self._result:
             if page and (folder / page).is_file() and status in (0, 1):
-                ui.link(f"Open {Path(page).name}", self.desk.bench.offer(folder / page), new_tab=True)
+                address = self.desk.bench.offer(folder / page)
+                ui.link(f"Open {Path(page).name}", address, new_tab=True)
+                ui.html(
+                    f'<iframe class="bench-page" src=".{address}" title="{Path(page).stem}"></iframe>', sanitize=False
+                )
             fields.show_lines(printed.strip())
-            fields.show_commands(map(shlex.join, [["cd", str(folder)], *commands]), "do the same")
+            fields.show_commands([enter(folder), *map(in_shell, commands)], "do the same")

@@ -20,17 +20,20 @@ from capsbayes.image.measure import detect, turned
 from capsbayes.image.overlay import png_of
 from capsbayes.image.rtdc import RtdcFile
 from capsbayes.image.synthetic import Optics, Scene, draw
+from capsbayes.report.tables import typeset
 
 _WIDEST = 1600  # px of the picture on the page
 
 
-def shown(folder: str, name: str) -> dict[str, Any]:
-    """Return a picture, or the middle one of a film or of events, for the page.
+def shown(folder: str, name: str, rotate: str = "") -> dict[str, Any]:
+    """Return a picture, turned clockwise by some degrees, or the middle one of a film or of events, for the page.
 
     Its size, a PNG of its grey levels as the address of an image, and how many pictures there are.
     """
     with contextlib.chdir(folder):
         seen, count = _opened(Path(name))
+    if rotate:
+        seen, _, _ = turned(seen, None, ByHand(rotate=rotate))
     png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
     return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}", "count": count}
 
@@ -93,12 +96,14 @@ def _rows(detection: Detection) -> list[tuple[str, str, str]]:
     if not detection.status.ok:
         return []
     table = detection.table()
-    rows = []
+    rows: list[tuple[str, str, str]] = []
     for name, _, value, error, ratio, ratio_error in table.itertuples():
         if name in ("L_z", "L_a", "l"):
             seen = bool(np.isfinite(value))
             over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
-            rows.append((name, f"{value:.2f} ± {error:.2f}" if seen else "not seen", over))
+            rows.append(
+                (typeset("ℓ" if name == "l" else name), f"{value:.2f} ± {error:.2f}" if seen else "not seen", over)
+            )
     return rows
 
 

@@ -13,14 +13,14 @@ from capsbayes.app.desk import Bench, Desk
 from capsbayes.app.many import ManyStep, PopulationStep
 from capsbayes.app.picture import PictureStep
 
-_STYLE = Path(__file__).with_name("bench.css")
+_STYLE, _DROP = (Path(__file__).with_name(name) for name in ("bench.css", "drop.js"))
 
 
 def bench_page(bench: Bench) -> None:
     """Build the page of a new tab, with a desk of its own."""
     ui.colors(primary="#00796b")
     ui.add_css(_STYLE.read_text(encoding="utf-8"))
-    ui.run_javascript("document.documentElement.lang = 'en'")
+    ui.run_javascript(_DROP.read_text(encoding="utf-8"))
     desk = Desk(bench)
     measured, folder = False, desk.folder
 
@@ -43,10 +43,11 @@ def bench_page(bench: Bench) -> None:
         ui.label("Shear modulus and radius of a microcapsule, from a picture.").classes("bench-lead")
         with ui.element("div").classes("bench-columns"):
             with ui.element("div"):
-                picture = PictureStep(desk, changed)
+                picture = PictureStep(desk, changed, lambda texts: channel.fill(texts))
             with ui.element("div"):
                 channel = ChannelStep(desk, changed)
                 answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
+        answer.closer()
         ManyStep(desk, lambda: population.grown(), picture.show_measured)
-        population = PopulationStep(desk)
+        population = PopulationStep(desk, picture.show_measured)
         ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,41 +12,49 @@ from nicegui import events, ui
 
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import FLOWS, Overlay, button, choice, notice, step, upload
-from capsbayes.app.stated import EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
+from capsbayes.app.stated import EXAMPLE, EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
 from capsbayes.app.worker import WorkFailedError
 from capsbayes.files.input_file import PICTURES
 
+_EXAMPLE = Path(__file__).with_name("example.png")
 _CONTRASTS = {"": "found in the picture", "dark": "darker than the liquid", "bright": "brighter than the liquid"}
+_TURNS = {"": "as it is", "90": "a quarter clockwise", "180": "upside down", "270": "a quarter anticlockwise"}
 _COLOURS = {"wall": "walls", "edge": "edge", "rear": "concave rear", "predicted": "predicted outline"}
 
 
 class PictureStep:
     """Upload of a picture, the overlay, and what may be stated by hand.
 
-    The function is called after each measurement, with True if the capsule can be identified.
+    The first function is called after each measurement, with True if the capsule can be identified, the second with
+    what is stated of the example.
     """
 
-    def __init__(self, desk: Desk, changed: Callable[[bool], object]) -> None:
-        self.desk, self._changed = desk, changed
+    def __init__(
+        self, desk: Desk, changed: Callable[[bool], object], fill: Callable[[Mapping[str, str]], object]
+    ) -> None:
+        self.desk, self._changed, self._fill = desk, changed, fill
         self._silent, self._flow_seen = False, ""
         self._hand: dict[str, Any] = {}  # fields of what may be stated by hand, by their names in `Stated`
         with step("1. The picture"):
             ui.label(
-                "One capsule between the two walls, the flow along the rows: PNG, TIFF or JPEG. The file stays on this "
-                "computer."
+                "One capsule between the two walls, the flow along the rows: PNG, TIFF, JPEG or BMP. The file stays on "
+                "this computer."
             )
-            label, rejected = "Drop a picture here, or choose it with +", "This file is larger than 512 MB."
-            self._upload = upload(label, PICTURES, self._given, "picture", rejected)
+            self._upload = upload("Drop a picture here, or choose it with +", PICTURES, self._given, "picture")
+            button("Try the example", self._example)
             self._message = notice()
-        with step("2. What is found in it") as self._card:
-            self.overlay = Overlay(self._walls_moved, self._box_drawn)
-            legend = "".join(f'<span class="{name}">{text}</span>' for name, text in _COLOURS.items())
-            ui.html(f'<p class="bench-legend">{legend}</p>', sanitize=False)
-            self._status = notice("bench-status")
-            self._numbers = ui.html("", sanitize=False)
-            with ui.expansion("Put something right by hand").classes("bench-by-hand") as self._put_right:
-                self._by_hand()
-        self._card.visible = False
+        with step("2. What is found in it"):
+            nothing = ui.label("Nothing yet: give a picture first.").classes("bench-told")
+            with ui.column().classes("bench-result") as self._found:
+                self.overlay = Overlay(self._walls_moved, self._box_drawn)
+                legend = "".join(f'<span class="{name}">{text}</span>' for name, text in _COLOURS.items())
+                ui.html(f'<p class="bench-legend">{legend}</p>', sanitize=False)
+                self._status = notice("bench-status")
+                self._numbers = ui.html("", sanitize=False)
+                with ui.expansion("Put something right by hand").classes("bench-by-hand") as self._put_right:
+                    self._by_hand()
+        self._found.visible = False
+        nothing.bind_visibility_from(self._found, value=False)
 
     def _by_hand(self) -> None:
         """Fields of what may be stated by hand."""
@@ -60,7 +69,12 @@ class PictureStep:
             self._field("erase", "Wrong outline: left, top, width, height; ...")
             self._erasing = ui.switch("erase in the picture", on_change=lambda: self._let_draw(erase=True))
         with ui.row():
-            for name, label, options in (("flow", "Flow", FLOWS), ("contrast", "Capsule and walls", _CONTRASTS)):
+            chosen = (
+                ("flow", "Flow", FLOWS),
+                ("contrast", "Capsule and walls", _CONTRASTS),
+                ("rotate", "Turned", _TURNS),
+            )
+            for name, label, options in chosen:
                 self._hand[name] = choice(label, options, "", on_change=partial(self._state, name))
         with ui.row():
             button("Turn the flow round", self._turn)
@@ -77,19 +91,28 @@ class PictureStep:
         self._upload.reset()  # earlier, it would break off the request that brings the file
 
     async def _taken(self, event: events.UploadEventArguments) -> None:
-        """Keep a picture in a folder of its own, show it, and measure it."""
         name = safe_name(event.file.name, PICTURES)
         if name is None:
             self._tell(f"Expected a picture ({', '.join(PICTURES)}).", bad=True)
             return
         folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
         await event.file.save(folder / name)
+        await self._begin(folder, name)
+
+    async def _example(self) -> None:
+        folder = new_folder(self.desk.bench.folder, _EXAMPLE.stem)
+        shutil.copy(_EXAMPLE, folder)
+        await self._begin(folder, _EXAMPLE.name)
+        self._fill(EXAMPLE)
+
+    async def _begin(self, folder: Path, name: str) -> None:
+        """Show a picture that is kept in a folder of its own, and measure it."""
         self.desk.folder, self.desk.stated = folder, self.desk.stated.of(picture=name)
         try:
             picture = await self.desk.measured("shown", name=name)
             self.desk.bench.identifying.start()
         except WorkFailedError as error:
-            self.desk.folder, self._card.visible = None, False
+            self.desk.folder, self._found.visible = None, False
             self._tell(str(error), bad=True)
             (folder / name).unlink(missing_ok=True)
             folder.rmdir()
@@ -110,7 +133,7 @@ class PictureStep:
     def _show(self, picture: dict[str, Any], words: str) -> None:
         """Show another picture, and in the fields what is stated of it, without measuring for each."""
         self._tell(words)
-        self._card.visible = True
+        self._found.visible = True
         self._put_right.visible = not self.desk.stated.measured
         self._show_stated()
         self.overlay.show(picture)
@@ -161,7 +184,14 @@ class PictureStep:
         setattr(self.desk.stated, name, text)
         if name == "walls" and not text:
             self.desk.stated.wall_error = ""
+        if name == "rotate":
+            await self._show_picture()
         await self.measure()
+
+    async def _show_picture(self) -> None:
+        """Show the picture turned as it is stated."""
+        stated = self.desk.stated
+        self.overlay.show(await self.desk.measured("shown", name=stated.picture, rotate=stated.rotate))
 
     async def _walls_moved(self, rows: list[float]) -> None:
         upper, lower = [f"{row:.1f}" for row in rows[:2]], [f"{row:.1f}" for row in rows[2:]]
@@ -192,4 +222,6 @@ class PictureStep:
         stated = self.desk.stated
         self.desk.stated = stated.of(stated.picture, background=stated.background, membrane=stated.membrane)
         self._show_stated()
+        if stated.rotate:
+            await self._show_picture()
         await self.measure()

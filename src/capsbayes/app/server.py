@@ -182,7 +182,8 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
     own with the address of a file that leads to the page, and is removed once it did.
     """
     with socket.socket() as listening, contextlib.ExitStack() as until_used:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if os.name == "posix":  # elsewhere it lets another program take the port
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((LOOPBACK, port))
         except OSError as error:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +18,8 @@ KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 """Endings of the files that the page takes."""
 
 SEED = 1
+EXAMPLE = {"half_width": "25 +/- 0.2 um", "viscosity": "0.8 +/- 0.02 Pa s", "velocity": "4.86 +/- 0.04 mm/s"}
+"""What is stated of the example, whose G_s is 50 mN/m and whose radius is 23.5 um."""
 _TAKEN = {"overlay", "corner", "outline", "report", "silhouette"}  # names of what is written next to a picture
 _LONGEST = 60  # letters of a name
 
@@ -37,6 +42,7 @@ class Stated:
     erase: str = ""
     flow: str = ""
     contrast: str = ""
+    rotate: str = ""
     membrane: str = ""
     engine: str = "quadrature"
     flow_rate: str = ""
@@ -47,7 +53,7 @@ class Stated:
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
-        names = ("walls", "wall_error", "crop", "erase", "contrast")
+        names = ("walls", "wall_error", "crop", "erase", "contrast", "rotate")
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
     def commands(self, folder: Path) -> list[str]:
@@ -59,12 +65,50 @@ class Stated:
         options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
         identify = ["capsbayes", "identify", self.measured or self.picture, *_in_words(options)]
         report = ["capsbayes", "report", ".", "--out", "report.html"]
-        return [shlex.join(words) for words in (["cd", str(folder)], identify, report)]
+        return [enter(folder), in_shell(identify), in_shell(report)]
+
+    def script(self, folder: Path) -> str:
+        """Return a script of Python that finds the same posterior, and writes it and its page."""
+        by_hand = ", ".join(f"{name}={text!r}" for name, text in self.by_hand().items())
+        options = {"capsule_velocity": self.velocity, "flow_rate": self.flow_rate}
+        options |= {"background": self.background, "flow": self.flow}
+        how = "".join(f", {name}={text!r}" for name, text in options.items() if text)
+        how += f", by_hand=ByHand({by_hand})" if by_hand else ""
+        first = f'known = cb.Experiment.read("{EXPERIMENT}")\nmeasurement = cb.measure("{self.picture}", known{how})'
+        if self.measured:
+            first = f'measurement = cb.Measurement.read("{self.measured}")\n'
+            first += f'known = cb.Experiment.read(measurement.experiment_file or "{EXPERIMENT}")'
+        model, membrane = 'cb.Surrogate.open(f"{known.cross_section}-neo-hookean", view=view)', ""
+        if self.membrane:
+            model = "cb.MembraneSurrogate.open(known.cross_section, view=view)"
+            membrane = f', membrane=cb.Membrane("{self.membrane}")'
+        return f"""import os
+
+import capsbayes as cb
+from capsbayes.image import ByHand
+
+os.chdir({str(folder)!r})
+{first}
+view = "mid-plane" if measurement.outline is None else measurement.outline.view
+model = {model}
+posterior = cb.identify(measurement, model, known, engine="{self.engine}", seed={SEED}{membrane})
+print(posterior)
+posterior.write("posterior.nc")
+cb.write_report(posterior, "report.html")
+"""
 
 
-def measure_command(
-    name: str, *, film: bool, velocity: str, flow_rate: str, frame_rate: str, pixel_size: str, flow: str
-) -> list[str]:
+def in_shell(words: Sequence[str]) -> str:
+    """Return a command as a line for the shells of this system: cmd and PowerShell read the same."""
+    return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
+
+
+def enter(folder: Path) -> str:
+    """Return the line that goes to a folder, on Windows on any drive."""
+    return in_shell(["pushd" if os.name == "nt" else "cd", str(folder)])
+
+
+def measure_command(name: str, *, film: bool, velocity: str, flow_rate: str, pixel_size: str, flow: str) -> list[str]:
     """Return the command that measures one of several files in its folder, with the options that its kind takes.
 
     Of events, the velocity is one that they share.
@@ -72,7 +116,7 @@ def measure_command(
     events = Path(name).suffix.lower() in EVENTS
     speeds = {"shared_velocity" if events else "velocity": velocity, "flow_rate": flow_rate}
     options = {"experiment": EXPERIMENT, "pixel_size": pixel_size if events else ""}
-    options |= {"frame_rate": frame_rate} if film else speeds
+    options |= {} if film else speeds
     return ["capsbayes", "measure", name, *_in_words({**options, "flow": flow, "out": "."})]
 
 

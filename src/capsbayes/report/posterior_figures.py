@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
@@ -112,6 +113,25 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
 def corner_of_all(posterior: Posterior) -> Figure:
     """Draw the corner plot with all further coordinates too."""
     return corner_plot(posterior, (*SHOWN, *posterior.prior.uncertain))
+
+
+def density_figure(posterior: Posterior, name: str, *, width: float = 3.6) -> Figure:
+    """Draw the density of a quantity with its median, and its 68 and 95 % intervals shaded."""
+    parameter, marginal = PARAMETERS[name], posterior.marginals[name]
+    heights, edges = np.histogram(parameter.scale * np.ravel(posterior.draws[name]), bins=80, density=True)
+    places = 0.5 * (edges[1:] + edges[:-1])
+    heights = gaussian_filter1d(heights, 2.0)
+    figure = new_figure(width, 0.45 * width)
+    ax = framed(figure.subplots())
+    for level, colour in ((95, FILL), (68, PALE)):
+        low, high = map(parameter.shown, marginal.ends(level))
+        fine = np.linspace(low, high, 200)
+        ax.fill_between(fine, np.interp(fine, places, heights), color=colour, linewidth=0, label=f"{level} %")
+    ax.plot(places, heights, color=INK, linewidth=1.4)
+    ax.axvline(parameter.shown(marginal.median), color=INK, linestyle="dashed", linewidth=1.0, label="median")
+    ax.set(xlabel=parameter.axis_label, yticks=[], ylim=(0.0, None))
+    ax.legend(frameon=False, fontsize=8, loc="upper right", handlelength=1.2)
+    return figure
 
 
 def _title(parameter: Parameter, marginal: Marginal) -> str:
