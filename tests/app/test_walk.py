@@ -180,7 +180,7 @@ def test_a_film_events_and_a_picture_at_once_are_measured_and_added_to_the_popul
     page, said = opened(browser, address)
     given = [EXAMPLES / name for name in ("film.avi", "cells.rtdc", "capsule.png")]
     page.locator("input[type=file][multiple]").set_input_files(given)
-    rows = page.locator(".bench-file")
+    rows = page.locator(".bench-many .bench-file")
     sync.expect(rows).to_have_count(3, timeout=WAIT)
     sync.expect(rows.locator("img")).to_have_count(3)
     of_many = {"Frame rate of films": ("400", ""), "Size of a pixel of an .rtdc file": ("0.68", "0.002")}
