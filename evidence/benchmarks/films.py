@@ -28,11 +28,11 @@ from capsbayes.database import Database
 from capsbayes.experiment import Experiment
 from capsbayes.image.files import Film
 from capsbayes.image.film import measure_film
-from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from capsbayes.quantity import Quantity
 from evidence.benchmarks.pictures import SEED, SETS, row, scenery
 from evidence.benchmarks.stored import arguments
 from evidence.markdown import table
+from evidence.synthetic import Drawing, Optics, Scene, draw
 
 LARGE, LONG = (1024, 1280), 82  # rows and columns, frames
 PASSAGE, PASSAGES = 16, 125  # frames of a capsule, capsules one after the other

@@ -20,10 +20,10 @@ from threadpoolctl import threadpool_limits
 from capsbayes.database import Database
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
-from capsbayes.image.synthetic import Drawing, Optics, Scene, draw
 from evidence.benchmarks.counts import NORMAL_ENDS
 from evidence.benchmarks.stored import arguments
 from evidence.markdown import table
+from evidence.synthetic import Drawing, Optics, Scene, draw
 
 SETS = {"sharp, 0.5 to 1 px": (0.5, 1.0), "1 to 1.7 px": (1.0, 1.7), "blurred, 1.7 to 2.2 px": (1.7, 2.2)}
 LENGTHS = {"L_z": 0, "L_a": 1, "l": 3}  # their places among the measured ones

@@ -23,7 +23,6 @@ from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of
-from capsbayes.image.synthetic import Drawing, draw
 from capsbayes.infer import Quadrature
 from capsbayes.infer.outline import aligned_with
 from capsbayes.profile import signed_area
@@ -32,6 +31,7 @@ from evidence.benchmarks.counts import LEVELS, NORMAL_ENDS
 from evidence.benchmarks.pictures import SEED, scenery
 from evidence.benchmarks.stored import Stored, with_write
 from evidence.markdown import table
+from evidence.synthetic import Drawing, draw
 
 SETS = {"0.5 to 1 px": (0.5, 1.0), "2 px": (1.95, 2.05)}
 COVERAGE = (

@@ -6,6 +6,7 @@ measured, identified and deleted.
 """
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
@@ -15,8 +16,10 @@ import numpy as np
 from capsbayes import Experiment, Surrogate, identify
 from capsbayes.experiment import capillary_number
 from capsbayes.image.film import measure_film
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.quantity import Quantity
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from evidence.synthetic import Optics, Scene, draw
 
 MODULUS = 50e-3  # N/m, of all membranes
 RADII = (22.5e-6, 23.5e-6, 24.5e-6)  # m

@@ -14,9 +14,9 @@ from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect
 from capsbayes.image.background import Blob, edge_shift, estimate_background, temporal_median, transmission
 from capsbayes.image.film import measure_film
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.image.walls import WallLines, _dark_lines, find_walls
 from capsbayes.status import Status
+from evidence.synthetic import Optics, Scene, draw
 
 UNEVEN = Optics(blur=1.0, motion=1.5, halo=0.2, vignetting=0.25, unevenness=0.1, electrons=5000)
 FAINT = Optics(band_depth=0.3, interior=0.05, halo=0.1, electrons=20_000)

@@ -11,10 +11,10 @@ from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.film import measure_film
 from capsbayes.image.measure import silhouette_of
 from capsbayes.image.overlay import REAR, overlay
-from capsbayes.image.synthetic import Optics
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
+from evidence.synthetic import Optics
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25.0 +/- 0.1 um", viscosity=0.85)
 VELOCITY = Quantity(6e-3, 6e-5, "m/s")

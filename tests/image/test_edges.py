@@ -27,8 +27,8 @@ from capsbayes.image.edges import (
 )
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.profile import Profile
+from evidence.synthetic import Optics, Scene, draw
 
 RADIUS, CENTRE, FINE = 20.0, np.array([34.3, 31.8]), 5
 ALONG, ACROSS = np.array([1.0, 0.0]), np.array([0.0, 1.0])

@@ -16,11 +16,11 @@ from capsbayes.image.contour import ContourFile, measure_contour
 from capsbayes.image.files import Picture
 from capsbayes.image.film import measure_film
 from capsbayes.image.measure import EdgeErrors, detect, measure, measurement_of_lengths, silhouette_of
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline import aligned_with
 from capsbayes.measurement import askew_size
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
+from evidence.synthetic import Optics, Scene, draw
 
 EXPERIMENT = Experiment(cross_section="square", half_width=25e-6, viscosity=0.85)
 VELOCITY = Quantity(6e-3, 6e-5, "m/s")

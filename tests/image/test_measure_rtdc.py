@@ -18,12 +18,12 @@ from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.image.measure import write_detection
 from capsbayes.image.rtdc import RtdcFile, measure_rtdc
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer.outline import aligned_with
 from capsbayes.measurement import Measurement
 from capsbayes.profile import signed_area
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
+from evidence.synthetic import Optics, Scene, draw
 
 h5py = pytest.importorskip("h5py")
 pytest.importorskip("hdf5plugin")

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from capsbayes.database import Database
-from capsbayes.image.synthetic import Optics, Scene, draw
+from evidence.synthetic import Optics, Scene, draw
 
 HALF_WIDTH = 60.0  # px
 PLAIN = Optics()

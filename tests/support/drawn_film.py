@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from drawn import PLAIN, outlines
 
-from capsbayes.image.synthetic import Scene, draw
+from evidence.synthetic import Scene, draw
 
 SHAPE, HALF_WIDTH = (118, 330), 45.0
 ELECTRONS = 10_000.0

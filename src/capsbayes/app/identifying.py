@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from capsbayes.app.measuring import detected
-from capsbayes.app.stated import EXPERIMENT, SEED, Stated, page_words
-from capsbayes.database import Database
+from capsbayes.app.stated import EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, SEED, Stated, page_words
 from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.output_file import guarded, together
 from capsbayes.image.detect import Detection
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import detect, measurement_of, write_detection
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.infer import Membrane, Posterior, Prior
 from capsbayes.infer.identify import identify, with_other_laws
 from capsbayes.infer.outline import band
@@ -152,15 +150,12 @@ def _with_error(where: str, text: str, name: str, unit: str, example: str) -> Qu
 
 
 def warm() -> None:
-    """Measure and identify a drawn capsule: compiled functions are loaded before a person waits for them."""
-    case = Database.open("square-neo-hookean").converged
-    middle = len(case["profile"]) // 2
-    drawing = draw(Scene(case["profile"][middle], case["silhouette"][middle], half_width=50.0), Optics(), seed=SEED)
-    experiment = Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
-    speed = Quantity.of("6.20 +/- 0.06 mm/s", "capsule_velocity")
+    """Measure and identify the example: compiled functions are loaded before a person waits for them."""
+    stated = Stated(velocity=EXAMPLE["velocity"])
+    experiment = Experiment("square", EXAMPLE["half_width"], EXAMPLE["viscosity"])
     with contextlib.suppress(CapsbayesError):
-        seen = Picture.from_array(drawing.picture)
-        measurement = measurement_of(detect(seen), seen, experiment, speed)
+        seen = Picture.read(EXAMPLE_PICTURE)
+        measurement = measurement_of(detect(seen), seen, experiment, *_speeds(stated, experiment))
         model = _opened("square", _view(measurement), known=True)
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from capsbayes.app.stated import EVENTS, EXPERIMENT, Stated, page_words
+from capsbayes.app.stated import EVENTS, EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, Stated, page_words
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
 from capsbayes.files.recording import is_film
@@ -19,7 +19,6 @@ from capsbayes.image.files import Film, Picture
 from capsbayes.image.measure import detect, turned
 from capsbayes.image.overlay import png_of
 from capsbayes.image.rtdc import RtdcFile
-from capsbayes.image.synthetic import Optics, Scene, draw
 from capsbayes.report.tables import typeset
 
 _WIDEST = 1600  # px of the picture on the page
@@ -108,11 +107,9 @@ def _rows(detection: Detection) -> list[tuple[str, str, str]]:
 
 
 def warm() -> None:
-    """Measure a drawn circle, so that all that is compiled is loaded before a person waits for it."""
-    Experiment("square", "25.0 +/- 0.2 um", "0.85 +/- 0.02 Pa s")
-    angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
-    circle = 0.7 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    detect(Picture.from_array(draw(Scene(circle, circle, half_width=40.0, shape=(120, 120)), Optics(), seed=1).picture))
+    """Measure the example, so that all that is compiled is loaded before a person waits for it."""
+    Experiment("square", EXAMPLE["half_width"], EXAMPLE["viscosity"])
+    detect(Picture.read(EXAMPLE_PICTURE))
 
 
 TASKS = {task.__name__: task for task in (shown, measured)}

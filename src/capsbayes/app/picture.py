@@ -12,11 +12,10 @@ from nicegui import events, ui
 
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import FLOWS, Overlay, button, choice, notice, step, upload
-from capsbayes.app.stated import EXAMPLE, EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
+from capsbayes.app.stated import EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
 from capsbayes.app.worker import WorkFailedError
 from capsbayes.files.input_file import PICTURES
 
-_EXAMPLE = Path(__file__).with_name("example.png")
 _CONTRASTS = {"": "found in the picture", "dark": "darker than the liquid", "bright": "brighter than the liquid"}
 _TURNS = {"": "as it is", "90": "a quarter clockwise", "180": "upside down", "270": "a quarter anticlockwise"}
 _COLOURS = {"wall": "walls", "edge": "edge", "rear": "concave rear", "predicted": "predicted outline"}
@@ -100,9 +99,9 @@ class PictureStep:
         await self._begin(folder, name)
 
     async def _example(self) -> None:
-        folder = new_folder(self.desk.bench.folder, _EXAMPLE.stem)
-        shutil.copy(_EXAMPLE, folder)
-        await self._begin(folder, _EXAMPLE.name)
+        folder = new_folder(self.desk.bench.folder, EXAMPLE_PICTURE.stem)
+        shutil.copy(EXAMPLE_PICTURE, folder)
+        await self._begin(folder, EXAMPLE_PICTURE.name)
         self._fill(EXAMPLE)
 
     async def _begin(self, folder: Path, name: str) -> None:

@@ -19,7 +19,8 @@ KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 
 SEED = 1
 EXAMPLE = {"half_width": "25 +/- 0.2 um", "viscosity": "0.8 +/- 0.02 Pa s", "velocity": "4.86 +/- 0.04 mm/s"}
-"""What is stated of the example, whose G_s is 50 mN/m and whose radius is 23.5 um."""
+EXAMPLE_PICTURE = Path(__file__).with_name("example.png")
+"""A picture, and what is stated of its capsule, whose G_s is 50 mN/m and whose radius is 23.5 um."""
 _TAKEN = {"overlay", "corner", "outline", "report", "silhouette"}  # names of what is written next to a picture
 _LONGEST = 60  # letters of a name
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from drawn import HALF_WIDTH, circle, drawn, shapes
 
-from capsbayes.image.synthetic import Optics, Scene, draw
+from evidence.synthetic import Optics, Scene, draw
 
 QUIET = Optics(electrons=1e9, band_depth=1.0, interior=1.0, rear_depth=0.0, blur=0.0, wall_depth=0.0, outside=1.0)
 
