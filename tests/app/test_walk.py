@@ -123,6 +123,32 @@ def test_the_example_leads_to_the_saved_report_by_the_keyboard_alone(bench, brow
     page.close()
 
 
+def test_what_was_stated_of_a_capsule_is_there_again_after_a_reload(browser, tmp_path):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = opened(browser, address)
+        page.get_by_role("button", name="Try the example").click()
+        page.get_by_text("The capsule was measured").wait_for()
+        page.get_by_text("Put something right by hand").click()
+        page.get_by_label("Error of either wall in px").fill("2")
+        page.get_by_label("Rows of the two walls").fill("19.5, 139.5")
+        page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+        page.get_by_label("Half width of the channel, error", exact=True).fill("0.3")
+        ready(page.get_by_role("button", name="Identify", exact=True).first)
+        page.reload()
+        page.get_by_text("0 capsules in").wait_for()
+        page.get_by_text("List of them").click()
+        page.get_by_text("example, not saved yet").wait_for()
+        page.get_by_role("button", name="Open example again").click()
+        page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+        for label, text in {"Half width of the channel": "25", "Half width of the channel, error": "0.3"}.items():
+            assert page.get_by_label(label, exact=True).input_value() == text
+        assert page.get_by_label("Velocity of the capsule", exact=True).input_value() == "4.86"
+        assert page.get_by_label("Rows of the two walls").input_value() == "19.5, 139.5"
+        ready(page.get_by_role("button", name="Identify", exact=True).first)
+        assert said == []
+        page.close()
+
+
 def test_a_folder_that_is_dropped_becomes_a_population_and_no_file_counts_twice(browser, tmp_path):
     with served(tmp_path / "bench") as (_, address):
         page, said = opened(browser, address)

@@ -108,6 +108,7 @@ class ChannelStep:
 
     def fill(self, texts: Mapping[str, str]) -> None:
         """Fill some of the fields in, and clear the others."""
+        self._section.value = texts.get("cross_section", "square")
         for name, field in self._fields.items():
             field.text = texts.get(name, "")
 
@@ -127,6 +128,7 @@ class ChannelStep:
         for name, text in capsule.items():
             setattr(self.desk.stated, name, "" if experiment["viscous_tension"] else text)  # which stands for them
         self._message.text = self.desk.keep_experiment()
+        self.desk.keep()
         if not self._message.text and not self._moves:
             self._message.text = "The velocity of the capsule is missing, or the flow rate."
         self._changed()

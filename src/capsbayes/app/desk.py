@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import secrets
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, HTTPException
 from fastapi.responses import FileResponse
 
-from capsbayes.app.stated import EXPERIMENT, Stated, page_words
+from capsbayes.app.stated import EXPERIMENT, STATED, Stated, page_words
 from capsbayes.app.worker import Worker
 from capsbayes.errors import CapsbayesError
 from capsbayes.experiment import Camera, Experiment
-from capsbayes.files.output_file import guarded
+from capsbayes.files.input_file import parsing
+from capsbayes.files.output_file import guarded, write_file
 
 MOST_MB = 512
 MOST_BYTES = MOST_MB << 20
@@ -77,6 +79,18 @@ class Desk:
     async def identified(self, task: str, **how: Any) -> Any:
         """Compute a task that may take longer, for which no picture of another tab has to wait."""
         return await self.bench.identifying.run(task, folder=str(self.folder), seconds=LONGEST, **how)
+
+    def keep(self) -> None:
+        """Write what is stated of a picture next to it, so that another tab can take it up."""
+        if self.folder is not None and self.stated.picture:
+            with guarded():
+                write_file(self.folder / STATED, json.dumps([asdict(self.stated), self.experiment]))
+
+    def take_up(self, folder: Path) -> None:
+        """Go on with a capsule whose statements were kept."""
+        with parsing(str(folder / STATED), "what was stated of a picture", "give the picture again"):
+            stated, experiment = json.loads((folder / STATED).read_text(encoding="utf-8"))
+            self.folder, self.stated, self.experiment = folder, Stated(**stated), dict(experiment)
 
     def keep_experiment(self, folder: Path | None = None) -> str:
         """Write the experiment into a folder, by default the capsule's; return what is missing or wrong, or nothing."""

@@ -22,6 +22,7 @@ from capsbayes.app.stated import (
     KINDS,
     MEASUREMENT,
     OVERLAY,
+    STATED,
     enter,
     in_shell,
     measure_command,
@@ -240,7 +241,7 @@ class PopulationStep:
         if summary is not None and self.desk.folder is not None:
             self._last = self.desk.folder, summary
         bench, working = self.desk.bench.folder, self._running is not None
-        found = sorted(path.parent for path in bench.glob(f"*/**/{MEASUREMENT}"))
+        found = {path.parent for path in bench.glob(f"*/**/{MEASUREMENT}")}
         count = len(found)
         self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {bench}."
         self._together.enabled = count > 0 and not working
@@ -249,20 +250,20 @@ class PopulationStep:
         self._diagnose.text = "What does the model miss?" + f" from {_ENOUGH} capsules on" * (count < _ENOUGH)
         self._list.clear()
         with self._list:
-            for folder in found[:_MOST_LISTED]:
-                self._listed(folder, folder.relative_to(bench).as_posix())
+            for folder in sorted(found | {path.parent for path in bench.glob(f"*/{STATED}")})[:_MOST_LISTED]:
+                self._listed(folder, folder.relative_to(bench).as_posix(), counts=folder in found)
 
-    def _listed(self, folder: Path, name: str) -> None:
+    def _listed(self, folder: Path, name: str, *, counts: bool) -> None:
         """Show a capsule, with what can be done with it."""
         with ui.element("div").classes("bench-file"), ui.element("div"):
-            ui.label(name)
+            ui.label(name if counts else f"{name}, not saved yet")
             if (folder / _REPORT).is_file():
                 ui.link("report", self.desk.bench.offer(folder / _REPORT), new_tab=True)
-            button("Identify", partial(self._chosen, folder), "flat dense ").props(
-                f'aria-label="Identify {name} again"'
-            )
-            remove = button("Remove", partial(self._removed, folder), "flat dense ")
-            remove.props(f'aria-label="Remove {name} from all capsules"')
+            again = button("Open", partial(self._chosen, folder), "flat dense ")
+            again.props(f'aria-label="Open {name} again"')
+            if counts:
+                remove = button("Remove", partial(self._removed, folder), "flat dense ")
+                remove.props(f'aria-label="Remove {name} from all capsules"')
 
     def _removed(self, folder: Path) -> None:
         """Give the measurement of a capsule a name that no command reads; its files stay."""

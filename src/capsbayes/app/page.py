@@ -49,5 +49,5 @@ def bench_page(bench: Bench) -> None:
                 answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
         answer.closer()
         ManyStep(desk, lambda: population.grown(), picture.show_measured)
-        population = PopulationStep(desk, picture.show_measured)
+        population = PopulationStep(desk, picture.open_again)
         ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

@@ -12,8 +12,19 @@ from nicegui import events, ui
 
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import FLOWS, Overlay, button, choice, notice, step, upload
-from capsbayes.app.stated import EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, MEASUREMENT, OVERLAY, new_folder, safe_name
+from capsbayes.app.stated import (
+    EXAMPLE,
+    EXAMPLE_PICTURE,
+    EXPERIMENT,
+    MEASUREMENT,
+    OVERLAY,
+    STATED,
+    new_folder,
+    page_words,
+    safe_name,
+)
 from capsbayes.app.worker import WorkFailedError
+from capsbayes.errors import CapsbayesError
 from capsbayes.files.input_file import PICTURES
 
 _CONTRASTS = {"": "found in the picture", "dark": "darker than the liquid", "bright": "brighter than the liquid"}
@@ -120,6 +131,25 @@ class PictureStep:
         self._show(picture, f"{name}: {picture['columns']} x {picture['rows']} pixels.")
         await self.measure()
 
+    async def open_again(self, folder: Path) -> None:
+        """Show a capsule of an earlier time as it was stated, or as it was measured in a film or in an event."""
+        if not (folder / STATED).is_file():
+            await self.show_measured(folder)
+            return
+        try:
+            self.desk.take_up(folder)
+            self._changed(False)
+            known, stated = self.desk.experiment, self.desk.stated
+            speeds = {"velocity": stated.velocity, "flow_rate": stated.flow_rate}
+            self._fill({**known, **known.get("camera", {}), **speeds})
+            picture = await self.desk.measured("shown", name=stated.picture, rotate=stated.rotate)
+            self.desk.bench.identifying.start()
+        except CapsbayesError as error:
+            self._tell(page_words(error), bad=True)
+            return
+        self._show(picture, f"{stated.picture} was opened again.")
+        await self.measure()
+
     async def show_measured(self, folder: Path) -> None:
         """Show a capsule that was measured in a film or in an event, by the overlay that is kept in its folder."""
         self.desk.folder, self.desk.stated = folder, self.desk.stated.of(measured=MEASUREMENT)
@@ -161,6 +191,7 @@ class PictureStep:
             return
         if not (self.desk.folder / EXPERIMENT).exists() and self.desk.experiment:
             self.desk.keep_experiment()
+        self.desk.keep()
         try:
             seen = await self.desk.measured("measured", stated=self.desk.stated)
         except WorkFailedError as error:

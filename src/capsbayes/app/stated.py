@@ -13,6 +13,7 @@ from pathlib import Path
 from capsbayes.files.input_file import PICTURES, VIDEOS
 
 EXPERIMENT, MEASUREMENT, OVERLAY = "experiment.toml", "measurement.toml", "overlay.png"
+STATED = ".stated.json"
 EVENTS = (".rtdc",)
 KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 """Endings of the files that the page takes."""
