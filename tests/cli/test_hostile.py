@@ -298,6 +298,7 @@ OF_TEXT = {
     ("measure", "--pixel-size"): ("x", "0.3 um", "0.3 +/- 0.1 s", "nan um", "-1 um"),
     ("measure", "--axis"): ("x", "99"),
     ("measure", "--contrast"): ("x",),
+    ("measure", "--gamma"): ("x", "", "0", "-1", "4.1", "nan", "2.2, 2.2"),
     ("measure", "--crop"): ("x", "0, 0, 1e9, 1e9", "0, 0, nan, 5", "5, 5, 1, 1", "-5, 0, 50, 50"),
     ("identify", "--prior"): ("x", "pre_inflation=", "pre_inflation=nan .. 1", "surface_shear_modulus=1"),
     ("identify", "--database"): ("none", "../database.nc"),

@@ -77,6 +77,15 @@ def test_walls_by_hand_are_printed_and_stored(measure, measured, picture):
     assert seen.axial_extent_error > 0.01
 
 
+def test_a_stated_gamma_is_used_printed_and_stored(measured, measure, picture):
+    cv2.imwrite("rooted.png", np.rint(np.sqrt(255.0 * picture.picture)).astype(np.uint8))
+    linear, seen = measured("picture.png", *MOVING), measured("rooted.png", *MOVING, "--gamma", "2.0")
+    assert seen.axial_extent == pytest.approx(linear.axial_extent, abs=0.001)
+    assert "the light to the power of 1/2, as stated" in seen.doubt
+    assert seen.doubt in measure("rooted.png", *MOVING, "--gamma", "2.0")[1]
+    assert measured("rooted.png", *MOVING).doubt == linear.doubt == ""
+
+
 def test_no_velocity_where_the_experiment_states_the_viscous_tension(measured):
     assert measured("picture.png", experiment="tension.toml").capsule_velocity is None
 

@@ -201,6 +201,42 @@ def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
         measured(erase=(0, 0, 9, 9))
 
 
+def with_gamma(grey, gamma):
+    """The grey levels that a camera of this gamma keeps of those of a linear one."""
+    return np.rint(255.0 * (grey / 255.0) ** (1.0 / gamma)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("background", [True, False])
+@pytest.mark.parametrize("gamma", [2.2, 0.5])
+def test_a_stated_gamma_gives_the_lengths_of_a_linear_camera(gamma, background):
+    linear = seen(CAPSULE, background=background)
+    shown = Picture.from_array(with_gamma(CAPSULE.picture, gamma))
+    empty = Picture.from_array(with_gamma(CAPSULE.background, gamma)) if background else None
+    assert abs(detect(shown, background=empty).lengths[0] - linear.lengths[0]) > 0.15
+    stated = detect(shown, background=empty, by_hand=ByHand(gamma=f"{gamma}"))
+    np.testing.assert_allclose(stated.lengths, linear.lengths, atol=0.05)
+    np.testing.assert_allclose(stated.covariance, linear.covariance, rtol=0.2, atol=1e-3)
+
+
+def test_a_measurement_says_which_gamma_was_stated(tmp_path):
+    shown = with_gamma(CAPSULE.picture, 2.0)
+    by_hand = ByHand(gamma=2, walls="42.5, 154.5", wall_error="0.5 px")
+    measured = measure(shown, EXPERIMENT, capsule_velocity=VELOCITY, by_hand=by_hand)
+    said = " The grey levels are taken to be the light to the power of 1/2, as stated (--gamma)."
+    assert measured.doubt.startswith("The upper wall lies")
+    assert measured.doubt.endswith(said)
+    measured.write(tmp_path / "m.toml")
+    assert Measurement.read(tmp_path / "m.toml").doubt == measured.doubt
+    frames = [with_gamma(frame, 2.0) for frame in film(65.0 + 23.37 * np.arange(5))]
+    folder, empty = written(tmp_path / "film", frames), with_gamma(bright(x=65.0).background, 2.0)
+    how = {"frame_rate": 2000.0, "background": empty, "by_hand": ByHand(gamma=2.0)}
+    capsule = measure_film(folder, EXPERIMENT, **how).capsules[0].measurement
+    assert capsule.doubt == said.strip()
+    linear = written(tmp_path / "linear", film(65.0 + 23.37 * np.arange(5)))
+    plain = measure_film(linear, EXPERIMENT, frame_rate=2000.0, background=bright(x=65.0).background)
+    assert capsule.axial_extent == pytest.approx(plain.capsules[0].measurement.axial_extent, abs=0.001)
+
+
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
@@ -226,6 +262,11 @@ def test_a_film_with_stated_walls_or_pixel_size(tmp_path):
         ({"crop": "-1, 0, 100, 100"}, "a part of the picture"),
         ({"crop": "0, 0, 8, 100"}, "crop: expected at least 16 x 16 px, got 8 x 100 px"),
         ({"crop": "some"}, "crop: expected left column, upper row, width and height in px"),
+        *(
+            ({"gamma": g}, 'gamma: expected a number above 0, at most 4, as "2.2", got')
+            for g in ("0", -1, 4.1, "x", "")
+        ),
+        ({"gamma": np.nan}, "gamma: expected a number above 0"),
         ({"contrast": "light"}, 'contrast: expected "dark" or "bright"'),
         ({"erase": "1, 2, 3"}, "erase: expected left column, upper row, width and height of each box"),
         ({"erase": "1, 2, 3, 0"}, "width and height of each box in px"),

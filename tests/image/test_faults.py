@@ -126,6 +126,21 @@ def test_a_droplet_with_a_sharp_edge_is_measured(scenes):
         assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
 
 
+@pytest.mark.parametrize(("gamma", "held_without"), [(2.0, 6), (0.5, 2)])
+def test_a_stated_gamma_brings_the_lengths_back(scenes, gamma, held_without):
+    held = []
+    for by_hand in (ByHand(gamma=gamma), None):
+        found = []
+        for view, *linear in scenes:
+            grey = (np.rint(255.0 * (levels / 255.0) ** (1.0 / gamma)).astype(np.uint8) for levels in linear)
+            picture, empty = map(Picture.from_array, grey)
+            seen = detect(picture, background=empty, by_hand=by_hand)
+            found.append((seen.lengths[0] - view.axial_extent) / np.sqrt(seen.covariance[0, 0]))
+        held.append(np.count_nonzero(np.abs(found) < 1.96))
+    assert held[0] >= len(scenes) - 1
+    assert held[1] <= held_without
+
+
 def test_where_two_capsules_overlap_is_no_capsule():
     cases, name = Database.open("square-neo-hookean").converged, "two capsules overlap"
     for number in (100, *CAPSULES):  # of the first, where both overlap is dark enough to be taken for a capsule

@@ -50,6 +50,14 @@ def test_a_target_tells_how_far_the_edge_lies_from_the_true_one(radius):
     assert abs(ringed.value - other.value) < 2.0 * np.hypot(ringed.error, other.error)
 
 
+def test_a_target_is_made_linear_by_a_stated_gamma():
+    linear = disc(45.0, **RINGS)
+    rooted = Picture.from_array(np.rint(np.sqrt(255.0 * linear.grey)).astype(np.uint8))
+    found = edge_offset_of(rooted, "30.6 +/- 0.01 um", PIXEL, by_hand=ByHand(gamma=2.0))
+    assert found.value == pytest.approx(offset_of(linear, 45.0).value, abs=0.02)
+    assert found.value != pytest.approx(offset_of(rooted, 45.0).value, abs=0.03)
+
+
 def test_a_ring_outside_the_edge_is_in_the_errors_and_a_stated_offset_takes_it_out():
     found = {}
     for name, looks in (("plain", {"halo": 0.0}), ("ringed", RINGS)):

@@ -36,7 +36,7 @@ _OF_CONTOUR = ("--walls", "--wall-error", "--pixel-size", "--edge-error", "--con
 # which of the options a kind of input takes, in addition to --experiment, --flow and --out
 _TAKES = {
     "picture": (*_SPEEDS, "--background", *BY_HAND),
-    "target": ("--target", "--pixel-size", "--crop", "--contrast"),
+    "target": ("--target", "--pixel-size", "--crop", "--contrast", "--gamma"),
     "film": ("--frame-rate", "--background", *(option for option in BY_HAND if option != "--erase")),
     "contour": (*_SPEEDS, *_OF_CONTOUR),
     ".rtdc file": ("--flow-rate", "--shared-velocity", "--pixel-size", "--axis"),
@@ -210,7 +210,8 @@ def _print_detection(detection: Detection, measured: cb.Measurement, experiment:
     rows = _length_rows(detection, experiment)
     parts: list[Any] = [table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear]
     if detection.walls is not None and detection.walls.stated:
-        parts += [f"l in px is that of {detection.walls.stated}.", detection.walls.doubt]
+        parts.append(f"l in px is that of {detection.walls.stated}.")
+    parts.append(measured.doubt)
     if detection.shift > 0.0:
         parts.append(
             "The noise shows that the picture was smoothed, by a filter or a compression: that adds "

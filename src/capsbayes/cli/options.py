@@ -75,7 +75,7 @@ _SPEEDS = {
     "--flow-rate": ("flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min"),
 }
 # fields of `ByHand`
-_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast", "edge_offset", "rotate")
+_BY_HAND = ("walls", "wall_error", "pixel_size", "axis", "crop", "erase", "contrast", "edge_offset", "rotate", "gamma")
 BY_HAND = tuple(f"--{name.replace('_', '-')}" for name in _BY_HAND)
 
 
@@ -140,6 +140,9 @@ class PictureOptions(Options):
             "Turn picture and background clockwise by 90, 180 or 270 degrees first: the flow must run along the "
             "rows. All places in px are those of the turned picture."
         ),
+    ] = None
+    gamma: Annotated[
+        str | None, Option('Gamma of the camera, as "2.2": its grey levels are the light to the power of 1/2.2.')
     ] = None
 
     def by_hand(self) -> ByHand | None:

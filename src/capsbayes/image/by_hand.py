@@ -1,4 +1,4 @@
-"""What a person states of a picture: a part of it, the walls, or the size of a pixel and the axis, and the contrast.
+"""What a person states of a picture: a part of it, the walls, or the size of a pixel and the axis, contrast and gamma.
 
 Places are in pixels of the whole picture, columns x to the right and rows y down; the middle of the first pixel is at
 (0, 0). ImageJ counts from the corner of the first pixel: its numbers are larger by 0.5.
@@ -26,6 +26,8 @@ _LARGEST_OFFSET = 3.0  # px
 _TAPER = 0.1  # largest relative difference of the distances between the walls at the two borders
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 
+_MOST_GAMMA = 4.0  # cameras and displays have up to 2.6
+_GAMMA = f'a number above 0, at most {_MOST_GAMMA:g}, as "2.2"'
 _FORMS: tuple[tuple[str, tuple[int, ...], str], ...] = (
     (
         "walls",
@@ -36,6 +38,7 @@ _FORMS: tuple[tuple[str, tuple[int, ...], str], ...] = (
     ("axis", (1, 2), 'the row of the axis in px, as "99.5", or its rows at the left and the right border, as "98 101"'),
     ("crop", (4,), 'left column, upper row, width and height in px, as "40, 0, 220, 200"'),
     ("wall_error", (1,), 'one number of px, as "1.0"'),
+    ("gamma", (1,), _GAMMA),
 )
 _BOXES = 'left column, upper row, width and height of each box in px, as "40, 0, 22, 20; 90, 60, 12, 9"'
 
@@ -73,6 +76,8 @@ class ByHand:
     rotate : text or int, optional [degree]
         90, 180 or 270: the picture is turned clockwise by so much before all else, and its background with it; the flow
         must run along the rows. All places are those of the turned picture.
+    gamma : text or float, optional
+        The grey levels are the light to the power of 1 / gamma: picture and background are made linear before all else.
 
     Raises
     ------
@@ -96,6 +101,7 @@ class ByHand:
     contrast: str | None = None
     edge_offset: Any = None
     rotate: Any = None
+    gamma: Any = None
 
     def __post_init__(self) -> None:
         for name, counts, expected in _FORMS:
@@ -104,6 +110,10 @@ class ByHand:
                 numbers = tuple(np.repeat(numbers, 2).tolist())  # along the rows: at both borders the same
             setattr(self, name, numbers)
         self.erase = _boxes(self.erase)
+        if self.gamma is not None:
+            (self.gamma,) = self.gamma
+            if not 0.0 < self.gamma <= _MOST_GAMMA:
+                raise InputError("gamma", "", _GAMMA, f"{self.gamma:g}")
         if self.contrast is not None and self.contrast not in CONTRASTS:
             raise InputError("contrast", "", " or ".join(f'"{name}"' for name in CONTRASTS), repr(self.contrast))
         if self.rotate is not None and str(self.rotate) not in _TURNS:

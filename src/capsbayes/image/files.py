@@ -47,6 +47,7 @@ class Picture:
     clipped: Booleans = field(repr=False)  # (rows, columns): pixels at either end of the camera's scale
     source: str = ""  # file that the picture was read from, empty if none
     sha256: str = ""  # hash of that file
+    gamma: float | None = None  # that the levels had before they were made linear; None if they are as recorded
 
     @classmethod
     def read(cls, path: str | Path) -> Picture:
@@ -112,6 +113,13 @@ class Picture:
     def mirrored(self, level: float) -> Picture:
         """Return the picture with its grey levels subtracted from one, so that what was bright is dark."""
         return replace(self, grey=level - self.grey, clipped=self.clipped & (self.grey > 0.0))
+
+    def linear(self, gamma: float | None) -> Picture:
+        """Return the picture with levels proportional to the light, of which they are the power 1 / gamma."""
+        if gamma is None:
+            return self
+        full = _FULL_SCALES[0]  # the same for all pictures: a background keeps its ratio to them
+        return replace(self, grey=full * (np.maximum(self.grey, 0.0) / full) ** gamma, gamma=gamma)
 
     def turned(self, quarters: int) -> Picture:
         """Return the picture turned clockwise by some quarters."""
@@ -239,6 +247,7 @@ class Film:
     count: int  # number of frames that the film should have; a film that was cut short holds fewer
     behind: tuple[int, tuple[int, ...], str] | None = None  # as of `capsbayes.files.recording.Images`
     quarters: int = 0  # by how many quarters the frames are turned clockwise
+    gamma: float | None = None  # of their levels, which are made linear
 
     @classmethod
     def open(cls, path: str | Path) -> Film:
@@ -277,11 +286,11 @@ class Film:
     ) -> Iterator[Picture | None]:
         """Iterate over a part of the frames; None for one that is unreadable, of another size, or not in `only`."""
         shape = None
-        for frame in self._decoded(only):
-            pixels = None if frame is None else np.rot90(frame, -self.quarters)
-            if pixels is not None:
-                shape = shape or pixels.shape
-            yield None if pixels is None or pixels.shape != shape else Picture.from_array(pixels[part])
+        for decoded in self._decoded(only):
+            frame = None if decoded is None else np.rot90(decoded, -self.quarters)
+            if frame is not None:
+                shape = shape or frame.shape
+            yield None if frame is None or frame.shape != shape else Picture.from_array(frame[part]).linear(self.gamma)
 
     def spread(self, count: int) -> Iterator[Picture]:
         """Iterate over at most `count` frames at about equal distances; those that cannot be read are omitted."""

@@ -38,7 +38,7 @@ from capsbayes.image.detect import analyse_blob
 from capsbayes.image.edges import pixel_noise
 from capsbayes.image.files import Film, Picture, Pixels
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord, Linker, Track
-from capsbayes.image.measure import CLIPPED, check_flow, read_picture
+from capsbayes.image.measure import CLIPPED, check_flow, read_picture, turned
 from capsbayes.image.walls import WallLines
 from capsbayes.quantity import Given, Quantity
 from capsbayes.status import Status
@@ -141,10 +141,10 @@ def measure_film(
     if experiment.camera is not None:
         expected = "none for a film: single pictures, events and contours alone are corrected"
         raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
-    film = replace(film, quarters=by_hand.quarters)
+    film = replace(film, quarters=by_hand.quarters, gamma=by_hand.gamma)
     # they tell the background, the contrast, and whether the film was smoothed
     sampled: list[Pixels] = [picture.packed().grey for picture in _sample(film, by_hand, given=background is not None)]
-    stated = None if background is None else read_picture(background).turned(film.quarters)
+    stated = None if background is None else turned(read_picture(background), None, by_hand)[0]
     view = _view(film, stated, sampled, by_hand, experiment)
     if isinstance(view, Status):
         return FilmMeasurement(view)

@@ -370,6 +370,7 @@ class FilmCapsule:
             walls=walls,
             source=str(film),
             sha256=sha256,
+            gamma=None if record.picture is None else record.picture.gamma,
         )
         return cls(status, record, speed, drifts, repeat, measured, alike)
 

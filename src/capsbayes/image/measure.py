@@ -299,10 +299,11 @@ def speeds_of(where: str, velocity: Given | None, flow_rate: Given | None) -> tu
 def turned(
     picture: Picture, background: Picture | None, by_hand: ByHand | None
 ) -> tuple[Picture, Picture | None, ByHand]:
-    """Return picture and background turned as is stated by hand, and what else is stated."""
+    """Return picture and background made linear and turned as is stated by hand, and what else is stated."""
     by_hand = by_hand or ByHand()
-    quarters = by_hand.quarters
-    return picture.turned(quarters), background and background.turned(quarters), replace(by_hand, rotate=None)
+    quarters, gamma = by_hand.quarters, by_hand.gamma
+    background = background and background.linear(gamma).turned(quarters)
+    return picture.linear(gamma).turned(quarters), background, replace(by_hand, rotate=None, gamma=None)
 
 
 def measurement_of(
@@ -333,6 +334,7 @@ def measurement_of(
         walls=detection.walls or "",
         source=picture.source,
         sha256=picture.sha256,
+        gamma=picture.gamma,
     )
 
 
@@ -370,9 +372,13 @@ def measurement_of_lengths(
     walls: WallLines | str,
     source: str,
     sha256: str,
+    gamma: float | None = None,
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
+    doubts = [] if isinstance(walls, str) else [walls.doubt]
+    if gamma is not None:
+        doubts.append(f"The grey levels are taken to be the light to the power of 1/{gamma:g}, as stated (--gamma).")
     askew, of_turn = 0.0, np.zeros(2)
     if status.ok and outline is not None:
         odd, turn = on_mirror(outline.points)
@@ -397,7 +403,7 @@ def measurement_of_lengths(
         capsule_velocity=None if capsule_velocity is None else capsule_velocity.value,
         capsule_velocity_error=np.nan if capsule_velocity is None else capsule_velocity.error,
         walls=walls if isinstance(walls, str) else walls.stated,
-        doubt="" if isinstance(walls, str) else walls.doubt,
+        doubt=" ".join(filter(None, doubts)),
         source=source,
         sha256=sha256,
         experiment_file=file,

@@ -29,7 +29,7 @@ def edge_offset_of(picture: Picture, diameter: Given, pixel_size: Given, *, by_h
     pixel_size : Quantity [m]
         With its standard error, from another source, as the period of a grating.
     by_hand : ByHand, optional
-        Its `crop` and `contrast` count.
+        Its `crop`, `contrast` and `gamma` count.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def edge_offset_of(picture: Picture, diameter: Given, pixel_size: Given, *, by_h
     by_hand = by_hand or ByHand()
     size = uncertain(pixel_size, "pixel size", "m", "0.340 +/- 0.003 um")
     across = uncertain(diameter, "target", "m", "20.0 +/- 0.1 um")
-    outline = _round_edge(picture.cut(by_hand.part(picture.shape)), by_hand.contrast)
+    outline = _round_edge(picture.linear(by_hand.gamma).cut(by_hand.part(picture.shape)), by_hand.contrast)
     area = abs(signed_area(outline.points))
     found, true = float(np.sqrt(area / np.pi)), 0.5 * across.value / size.value
     relative = np.hypot(across.error / across.value, size.error / size.value)
