@@ -47,6 +47,22 @@ def test_no_walls_are_found_where_there_are_none():
     assert find_walls(np.full((200, 200), 100.0)) is None
 
 
+@pytest.mark.parametrize("half_width", [12.0, 20.0])
+@pytest.mark.parametrize("background", [True, False])
+def test_a_narrow_channel_is_found_in_a_tall_picture(half_width, background):
+    """Unless it shows further lines like its walls."""
+    thin = Optics(band_width=1.5, rear_width=1.0, wall_width=1.5)
+    made = drawn(0.08, 1.05, half_width=half_width, shape=(320, 200), optics=thin)
+    found = seen(made.picture, made.background if background else None)
+    assert found.status is Status.DONE
+    assert found.lengths[3] == pytest.approx(half_width, abs=0.2)
+    assert abs(found.lengths[0] - made.axial_extent) < 2.0 * np.sqrt(found.covariance[0, 0])
+    third = round(159.5 + 3.0 * half_width) + np.arange(-4, 5)
+    several = made.background.astype(float)
+    several[third] = several[round(159.5 + half_width) + np.arange(-4, 5)]
+    assert find_walls(several) is None
+
+
 def test_a_line_is_as_dark_as_three_of_four_strips_are():
     ridge, strips = np.random.default_rng(2).standard_normal((12, 30)), np.arange(12)
     shifts = np.stack([np.zeros(12), strips - 6]).astype(np.int64)

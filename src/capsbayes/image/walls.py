@@ -18,6 +18,7 @@ _STRIPS = 12
 _SLOPES = np.linspace(-0.12, 0.12, 25)
 _SMOOTHING = 2.0  # px
 _APART = 0.15  # of the picture's height, at least
+_NARROWEST = 20.0  # px: or so much; the reaches of two nearer lines would overlap
 _SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
 _INSIDE = 0.7  # of a wall's darkness: a line between the two that is darker is the wall of another channel
 _REACH = 9  # px around a wall that are searched
@@ -127,20 +128,18 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
     ridge = gaussian_filter1d(strips, _SMOOTHING, axis=1, order=2, mode="nearest")
     rows = np.arange(strips.shape[1])
     dark = _dark_lines(ridge, np.rint(_SLOPES[:, None] * places).astype(np.int64))
-    first = dark.argmax(axis=1)
-    apart = np.abs(rows - first[:, None]) > _APART * len(rows)
-    second = np.where(apart, dark, -np.inf).argmax(axis=1)
-    each = np.arange(len(_SLOPES))
-    fainter = dark[each, second]
-    best = int(np.argmax(dark[each, first] + fainter))
-    spread = robust_spread(dark[best][np.isfinite(dark[best])])
-    if not fainter[best] > max(_SIGNIFICANCE * spread, 1e-3 * median(strips)):
-        return None
-    upper, lower = np.sort([first[best], second[best]])
-    inside = dark[best][upper + _REACH : lower - _REACH + 1]
-    if inside.size and inside.max() > _INSIDE * fainter[best]:
-        return None
-    return np.array([upper, lower])[:, None] + _SLOPES[best] * places
+    first, each = dark.argmax(axis=1), np.arange(len(_SLOPES))
+    for apart, aside in ((_APART * len(rows), 0), (_NARROWEST, len(rows))):  # of a narrow one, no line is seen beyond
+        second = np.where(np.abs(rows - first[:, None]) > apart, dark, -np.inf).argmax(axis=1)
+        fainter = dark[each, second]
+        best = int(np.argmax(dark[each, first] + fainter))
+        line, (upper, lower) = dark[best], np.sort([first[best], second[best]])
+        others = np.minimum(np.abs(rows - upper), np.abs(rows - lower)) >= _REACH
+        others &= (rows > upper - aside) & (rows < lower + aside)
+        least = max(_SIGNIFICANCE * robust_spread(line[np.isfinite(line)]), 1e-3 * median(strips))
+        if fainter[best] > least and line[others].max(initial=-np.inf) <= _INSIDE * fainter[best]:
+            return np.array([upper, lower])[:, None] + _SLOPES[best] * places
+    return None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
