@@ -126,6 +126,23 @@ def test_a_droplet_with_a_sharp_edge_is_measured(scenes):
         assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
 
 
+def test_a_faint_capsule_is_measured_or_said_to_be_faint(scenes):
+    """A tenth of the usual darkness in little noise; a droplet of 4 % of the light in noise of 1 %."""
+    names = ("interior", "membrane", "rear", "halo")
+    for number, (view, *_) in enumerate(scenes):
+        tenth = {name: 0.1 * getattr(view.looks, name) for name in names}
+        droplet = dict.fromkeys(names, 0.0) | {"interior": 0.04}
+        for dark, photons in ((tenth, 1e5), (droplet, 1e4)):
+            camera = Camera(photons=photons, constant_noise=0.0)
+            pictures = photograph(replace(view, looks=replace(view.looks, **dark)), camera, seed=number)
+            picture, empty = map(Picture.from_array, pictures)
+            found = detect(picture, background=empty)
+            if dark is droplet and not found.status.ok:
+                assert found.status is Status.NO_EDGE
+            else:
+                assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
+
+
 @pytest.mark.parametrize(("gamma", "held_without"), [(2.0, 6), (0.5, 2)])
 def test_a_stated_gamma_brings_the_lengths_back(scenes, gamma, held_without):
     held = []

@@ -274,7 +274,7 @@ def falling_light(grey: Floats, walls: WallLines) -> Floats | None:
 
 _SMALLEST_AREA = 0.2  # l^2: smaller blobs are debris
 _SPECK = 0.02  # l^2: smaller blobs are ignored
-_CONTRAST = 0.03  # of the light: fainter blobs are ignored
+CONTRAST, FAINTEST = 0.03, 0.015  # of the light: fainter blobs are ignored; where the empty channel is given
 _SIGNIFICANCE = 5.0  # of the contrast over the noise of a smoothed pixel
 _BORDER = 3  # px: nearer to the border of the picture the outline cannot be located
 _NOTCH = 1.5, 0.1  # px, and of the radius of a circle of the same area: concave rears leave up to 0.07
@@ -300,11 +300,13 @@ class Blob:
         return np.asarray(0.5 * (self.polygon.min(axis=0) + self.polygon.max(axis=0)))
 
 
-def find_blobs(light: Floats, walls: WallLines, noise: float, erased: Floats | None = None) -> list[Blob]:
+def find_blobs(
+    light: Floats, walls: WallLines, noise: float, erased: Floats | None = None, contrast: float = CONTRAST
+) -> list[Blob]:
     """Find the dark blobs between the walls, from left to right, without what lies in erased boxes (k, 4) [px]."""
     dark = cv2.GaussianBlur(np.subtract(1.0, light, dtype=np.float32), (0, 0), 1.0)
     between = between_walls(walls, light.shape)
-    least = max(_CONTRAST, _SIGNIFICANCE * 0.3 * noise)
+    least = max(contrast, _SIGNIFICANCE * 0.3 * noise)
     # half as dark as the darkest pixels is the level: where fewer are twice as dark as the least one, there is no blob
     darkest = dark[between & (dark >= 2.0 * least)]
     share, squares = _DARKEST_PIXELS

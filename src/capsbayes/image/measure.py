@@ -17,6 +17,8 @@ from capsbayes.files.csv_file import text_of_numbers
 from capsbayes.files.output_file import together, write_file
 from capsbayes.footing import on_mirror
 from capsbayes.image.background import (
+    CONTRAST,
+    FAINTEST,
     Contrast,
     are_misplaced,
     check_light,
@@ -200,11 +202,13 @@ def detect(
         if are_misplaced(walls):
             return Detection(Status.WALLS_OFF, walls.moved(columns.start, rows.start))
     level = estimate_background(shown.grey, walls) if ground is None else ground.grey
+    faintest = CONTRAST if ground is None else FAINTEST
     near, erased = walls.rows_around(shown.shape), by_hand.erased_in_part(picture.shape)
     if erased is not None:
         erased = erased - np.array([0, near.start, 0, near.start])
     around = shown.cut((near, slice(None))), level[near], walls.moved(0, -near.start)
-    return _between(*around, direction, erased, by_hand.edge_offset).moved(columns.start, rows.start + near.start)
+    found = _between(*around, direction, erased, by_hand.edge_offset, faintest)
+    return found.moved(columns.start, rows.start + near.start)
 
 
 def _between(
@@ -214,6 +218,7 @@ def _between(
     direction: int,
     erased: Floats | None,
     edge_offset: Quantity | None,
+    faintest: float,
 ) -> Detection:
     """Find a dark capsule in the rows of a picture around the walls."""
     between = walls.between(picture.shape)
@@ -222,7 +227,7 @@ def _between(
         return Detection(Status.BLACK if np.median(clipped) <= 0.0 else Status.SATURATED, walls)
     light = transmission(picture.grey, empty)
     noise = pixel_noise(light[between.any(axis=1)])
-    blobs = find_blobs(light, walls, noise, erased)
+    blobs = find_blobs(light, walls, noise, erased, faintest)
     capsules = [blob for blob in blobs if blob.status is not Status.DEBRIS]
     if len(capsules) == 1:
         shift = edge_shift(light, walls, blobs)
