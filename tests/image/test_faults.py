@@ -143,6 +143,18 @@ def test_a_faint_capsule_is_measured_or_said_to_be_faint(scenes):
                 assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
 
 
+@pytest.mark.parametrize(
+    "fringe", [{"halo": 0.3, "interior": 0.05}, {"membrane": -0.3}, {"membrane": -0.3, "halo": -0.15}]
+)
+def test_on_the_other_side_of_focus_the_edge_is_not_located(scenes, fringe):
+    """A bright fringe lies on either side of the edge, and does not tell on which."""
+    for number, (view, *_) in enumerate(scenes):
+        looks = dict.fromkeys(("interior", "membrane", "rear", "halo"), 0.0) | fringe
+        pictures = photograph(replace(view, looks=replace(view.looks, **looks)), Camera(), seed=number)
+        picture, empty = map(Picture.from_array, pictures)
+        assert detect(picture, background=empty).status is Status.NO_EDGE
+
+
 @pytest.mark.parametrize(("gamma", "held_without"), [(2.0, 6), (0.5, 2)])
 def test_a_stated_gamma_brings_the_lengths_back(scenes, gamma, held_without):
     held = []

@@ -13,15 +13,7 @@ import typer
 import capsbayes as cb
 from capsbayes.cli.command import Option, Reads, Writes, command, results
 from capsbayes.cli.effects_file import EffectsFile, own_effects
-from capsbayes.cli.options import (
-    AsJson,
-    CapsulesFile,
-    ExperimentFile,
-    ModelName,
-    Seed,
-    Workers,
-    named_model,
-)
+from capsbayes.cli.options import AsJson, CapsulesFile, ExperimentFile, ModelName, Seed, Workers, named_model
 from capsbayes.cli.output import conclude, print_json
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file

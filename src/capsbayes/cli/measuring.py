@@ -33,13 +33,13 @@ DETECTED = ("overlay.png", "outline.csv", "silhouette.csv", "measurement.toml", 
 _CONTOURS = (".csv", ".txt", ".roi", ".json")  # as `capsbayes.image.contour` reads, which is slow to import
 _SPEEDS = ("--velocity", "--flow-rate")
 _OF_CONTOUR = ("--walls", "--wall-error", "--pixel-size", "--edge-error", "--contour-unit", "--contour-points")
-# which of the options a kind of input takes, in addition to --experiment, --flow and --out
+# which of the options a kind of input takes, in addition to --experiment and --out
 _TAKES = {
-    "picture": (*_SPEEDS, "--background", *BY_HAND),
+    "picture": (*_SPEEDS, "--flow", "--background", *BY_HAND),
     "target": ("--target", "--pixel-size", "--crop", "--contrast", "--gamma"),
-    "film": ("--frame-rate", "--background", *(option for option in BY_HAND if option != "--erase")),
-    "contour": (*_SPEEDS, *_OF_CONTOUR),
-    ".rtdc file": ("--flow-rate", "--shared-velocity", "--pixel-size", "--axis"),
+    "film": ("--frame-rate", "--flow", "--background", *(option for option in BY_HAND if option != "--erase")),
+    "contour": (*_SPEEDS, "--flow", *_OF_CONTOUR),
+    ".rtdc file": ("--flow-rate", "--flow", "--shared-velocity", "--pixel-size", "--axis"),
 }
 _EVENTS = "the events of a file"
 _PART = 200  # events that are measured and written as one step
@@ -101,7 +101,7 @@ def measure(
     if kind == ".rtdc file" and stated.velocity is not None:
         stated.speeds(None, several=_EVENTS)  # refuses it with advice
     for option, value in stated.given().items():
-        if option not in (*_TAKES[kind], "--flow"):
+        if option not in _TAKES[kind]:
             raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", str(value))
     measure_kind: Any = {
         "film": _measure_film,
@@ -170,9 +170,8 @@ def _measure_target(
 ) -> None:
     from capsbayes.image import Picture, edge_offset_of
 
-    for option, value in (("--flow", stated.flow), ("--out", out)):
-        if value is not None:
-            raise InputError("measure", option, "none for a target", str(value))
+    if out is not None:
+        raise InputError("measure", "--out", "none for a target", str(out))
     if stated.target is None or stated.pixel_size is None:
         raise InputError("measure", "--target", "--pixel-size with it", "none")
     found = edge_offset_of(Picture.read(path), stated.target, stated.pixel_size, by_hand=stated.by_hand())

@@ -70,10 +70,13 @@ class UnknownMembraneOptions(Options):
         guess = membrane_of(None, self.guess, "--guess")
         return {"membrane": sheet, "guess": guess, "prior": prior_of(self.prior)}
 
-    def refuse(self, command: str) -> None:
-        """Refuse these options where the law is known."""
-        for option, value in self.given().items():
-            raise InputError(command, option, "--membrane with it", f"{value} without")
+    def check(self, command: str, sheet: cb.Membrane | None, of_law: Mapping[str, object]) -> None:
+        """Refuse these options where the law is known, and those of a known law where it is not."""
+        for option, value in (self.given() if sheet is None else of_law).items():
+            if sheet is None:
+                raise InputError(command, option, "--membrane with it", f"{value} without")
+            if value is not None:
+                raise InputError(command, option, "no such option with the membrane unknown", str(value))
 
 
 @dataclass(frozen=True)
@@ -100,13 +103,6 @@ class PlannedBatchOptions(UnknownMembraneOptions):
                 raise InputError(key, "", 'a number without an error, as "2 mm/s"', str(speed))
             velocities.append(speed.value)
         return velocities
-
-
-def _refuse_of_law(command: str, given: Mapping[str, object]) -> None:
-    """Refuse options of a known law where the membrane is unknown."""
-    for option, value in given.items():
-        if value is not None:
-            raise InputError(command, option, "no such option with the membrane unknown", str(value))
 
 
 @command
@@ -244,10 +240,7 @@ def identifiability(
         raise InputError("map", "--points", f"two numbers from 2 to {_MOST_POINTS}", " ".join(map(str, points)))
     errors, known, stated = lab.read()
     sheet = membrane_of(stated, unknown.membrane)
-    if sheet is None:
-        unknown.refuse("map")
-    else:
-        _refuse_of_law("map", {"--database": database, "--noises": noises})
+    unknown.check("map", sheet, {"--database": database, "--noises": noises})
     with resumable(out):
         if sheet is None:
             short, parts, files = _map_of_law(database, known, lengths_alone(errors), points, noises)
@@ -403,10 +396,7 @@ def flow(
     errors, known, stated = lab.read()
     asked = {"seed": seed, "margin": margin, "risk": risk}
     sheet = membrane_of(stated, planned.membrane)
-    if sheet is None:
-        planned.refuse("flow")
-    else:
-        _refuse_of_law("flow", {"--database": database, "--simulate": simulate or None})
+    planned.check("flow", sheet, {"--database": database, "--simulate": simulate or None})
     with resumable(out):
         if sheet is None:
             expected = modulus, size, known, lengths_alone(errors), named_model(database, known.cross_section)

@@ -13,12 +13,7 @@ import typer
 
 import capsbayes as cb
 from capsbayes.cli.command import Option, Options, Reads, Writes, command
-from capsbayes.cli.options import (
-    AsJson,
-    DatabaseName,
-    Scheduler,
-    Workers,
-)
+from capsbayes.cli.options import AsJson, DatabaseName, Scheduler, Workers
 from capsbayes.cli.output import conclude, print_json, table_file, waiting
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together

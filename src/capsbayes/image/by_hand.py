@@ -121,10 +121,9 @@ class ByHand:
         if self.pixel_size is not None:
             self.pixel_size = uncertain(self.pixel_size, "pixel size", "m", "0.340 +/- 0.003 um")
         if self.edge_offset is not None:
-            number = (
-                self.edge_offset.strip().removesuffix("px") if isinstance(self.edge_offset, str) else self.edge_offset
-            )
-            self.edge_offset = uncertain(number, "edge offset", "", "0.12 +/- 0.05 px")
+            given = self.edge_offset
+            given = given.strip().removesuffix("px") if isinstance(given, str) else given
+            self.edge_offset = uncertain(given, "edge offset", "", "0.12 +/- 0.05 px")
             if not abs(self.edge_offset.mean) + self.edge_offset.sd < _LARGEST_OFFSET:
                 raise InputError("edge offset", "", f"less than {_LARGEST_OFFSET:g} px", str(self.edge_offset))
         if self.walls is not None and self.pixel_size is not None:
@@ -189,19 +188,13 @@ class ByHand:
             raise InputError("walls", "", "two parallel walls", got)
         for row in (upper.mean(), lower.mean()):
             _check_row(row, rows, "walls")
-        tilt = float(np.arctan2(middle[1] - middle[0], columns - 1.0))
         error = WALL_ERROR if self.wall_error is None else self.wall_error[0]
         # lines that open: l at a capsule anywhere between the borders is that in the middle, to this error
         opening = 0.5 * np.ptp(apart) / np.sqrt(12.0)
-        return WallLines(
-            centre_row=float(middle.mean()),
-            centre_column=0.5 * (columns - 1),
-            tilt=tilt,
-            half_width=float(0.5 * np.cos(tilt) * apart.mean()),
-            half_width_error=float(np.cos(tilt) * np.hypot(error / np.sqrt(2.0), opening)),
-            line_width=_LINE,
-            stated=f"walls by hand at rows {_listed(self.walls)} px, each +/- {error:g} px",
-        )
+        across = np.cos(np.arctan(np.ptp(middle) / (columns - 1.0)))
+        half_width, its_error = 0.5 * across * apart.mean(), across * np.hypot(error / np.sqrt(2.0), opening)
+        stated = f"walls by hand at rows {_listed(self.walls)} px, each +/- {error:g} px"
+        return _around_rows(middle, columns, half_width, its_error, stated)
 
     def _around_axis(self, shape: tuple[int, int], size: Quantity, half_width: Quantity | None) -> WallLines:
         if half_width is None:
@@ -214,15 +207,16 @@ class ByHand:
             left, right = self.axis
         _check_row(0.5 * (left + right), rows, "axis")
         l_px = half_width.mean / size.value
-        return WallLines(
-            centre_row=0.5 * (left + right),
-            centre_column=0.5 * (columns - 1),
-            tilt=float(np.arctan2(right - left, columns - 1.0)),
-            half_width=float(l_px),
-            half_width_error=float(l_px * np.hypot(size.error / size.value, half_width.sd / half_width.mean)),
-            line_width=_LINE,
-            stated=f"the half width over a pixel of {1e6 * size.value:.4g} +/- {1e6 * size.error:.2g} um",
-        )
+        error = l_px * np.hypot(size.error / size.value, half_width.sd / half_width.mean)
+        stated = f"the half width over a pixel of {1e6 * size.value:.4g} +/- {1e6 * size.error:.2g} um"
+        return _around_rows(np.array([left, right]), columns, l_px, error, stated)
+
+
+def _around_rows(axis: Floats, columns: int, half_width: float, error: float, stated: str) -> WallLines:
+    """Return the walls around an axis by its rows at the left and the right border."""
+    tilt = float(np.arctan2(axis[1] - axis[0], columns - 1.0))
+    place = float(axis.mean()), 0.5 * (columns - 1), tilt
+    return WallLines(*place, float(half_width), float(error), _LINE, stated)
 
 
 def uncertain(given: Given, name: str, unit: str, example: str) -> Quantity:

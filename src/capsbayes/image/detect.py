@@ -204,20 +204,17 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    middle = None
+    middle = np.zeros(len(outline.points))
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
         beyond = np.hypot(beyond, _OF_RING * edge.ring)
         middle = edge.middle_of_line(light, outline, walls)
-    if middle is not None:
-        outline = replace(outline, points=outline.points - middle[:, None] * outline.normals)
         beyond = np.hypot(beyond, _IN_LINE * np.mean(middle))
-    if edge_offset is None:
-        offset = np.hypot(shift, beyond)
-    else:
-        offset = edge_offset.sd
-        outline = replace(outline, points=outline.points + edge_offset.mean * outline.normals)
+    offset, outwards = np.hypot(shift, beyond), -middle
+    if edge_offset is not None:
+        offset, outwards = edge_offset.sd, edge_offset.mean - middle
+    outline = replace(outline, points=outline.points + outwards[:, None] * outline.normals)
     found = Detection(
         Status.DONE,
         walls,
@@ -226,7 +223,7 @@ def analyse_blob(
         blob=blob,
         shift=shift,
         offset=float(np.hypot(EDGE_FLOOR, offset)),
-        middle=0.0 if middle is None else float(np.mean(middle)),
+        middle=float(np.mean(middle)),
     )
     return _with_ends(light, noise, found)
 
@@ -285,18 +282,19 @@ class _Edge:
         """Darkness outside the edge over that at it."""
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
-    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> Floats | None:
-        """Return the depth (n,) of the middle of the line at the edge of a capsule; None where the inside is dark."""
+    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> Floats:
+        """Return the depth (n,) of the middle of the line at the edge of a capsule; 0 where the inside is dark."""
+        none = np.zeros(len(outline.points))
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
         depth = np.arange(-_INSIDE, round(_SEEN * half))
         if half < _LARGE or self.level - self._usual(light, outline, depth[-1:])[0] > _FAINT * self.darkest:
-            return None
+            return none
         dark = self.level - self._usual(light, outline, depth)
         top = int(np.argmax(dark[depth < _BREADTH * half]))
         end = top + int(np.argmax(dark[top:] < _FAINT * dark[top]))
         inside = dark[end:]
         if depth[end] > _BREADTH * half or end == top or quantile(np.abs(inside), 0.9) > _FAINT * dark[top]:
-            return None
+            return none
         line = self.level - uniform_filter1d(_across(light, outline, -depth[: end + 1]), _ALIKE, axis=0, mode="wrap")
         within, middle = depth[: end + 1], np.full(len(line), float(depth[top]))
         for _ in range(3):  # what is darker inside begins at the middle

@@ -405,13 +405,7 @@ def robust_spread(residuals: Floats) -> float:
 
 
 def fit_without_outliers(
-    design: Floats,
-    values: Floats,
-    kept: Booleans,
-    *,
-    rounds: int,
-    floor: float,
-    enough: Callable[[Booleans], bool],
+    design: Floats, values: Floats, kept: Booleans, *, rounds: int, floor: float, enough: Callable[[Booleans], bool]
 ) -> RobustFit | None:
     """Fit design (n, k) @ coefficients again and again without outliers; None if the points left are not `enough`."""
     for _ in range(rounds):

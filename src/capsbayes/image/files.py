@@ -123,10 +123,8 @@ class Picture:
 
     def turned(self, quarters: int) -> Picture:
         """Return the picture turned clockwise by some quarters."""
-        if quarters == 0:
-            return self
-        turned = np.ascontiguousarray(np.rot90(self.grey, -quarters))
-        return replace(self, grey=turned, clipped=np.ascontiguousarray(np.rot90(self.clipped, -quarters)))
+        grey, clipped = (np.ascontiguousarray(np.rot90(each, -quarters)) for each in (self.grey, self.clipped))
+        return replace(self, grey=grey, clipped=clipped)
 
     def packed(self) -> Picture:
         """Return the picture with its grey levels in a smaller type, in which the counts of a camera are exact."""

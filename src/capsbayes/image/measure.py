@@ -232,8 +232,11 @@ def _between(
     if len(capsules) == 1:
         shift = edge_shift(light, walls, blobs)
         detection = analyse_blob(light, noise, walls, capsules[0], direction, shift, edge_offset)
-    else:
-        detection = Detection(Status.SEVERAL_CAPSULES if capsules else Status.NO_CAPSULE, walls)
+    elif capsules:
+        detection = Detection(Status.SEVERAL_CAPSULES, walls)
+    else:  # bright between dark walls, as on the other side of focus, where a fringe hides the edge
+        bright = any(blob.status.ok for blob in find_blobs(2.0 - light, walls, noise, erased))
+        detection = Detection(Status.NO_EDGE if bright else Status.NO_CAPSULE, walls)
     if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in blobs):
         return replace(detection, status=Status.SHADED)
     dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
