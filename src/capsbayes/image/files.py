@@ -123,8 +123,8 @@ class Picture:
 
     def turned(self, quarters: int) -> Picture:
         """Return the picture turned clockwise by some quarters."""
-        grey, clipped = (np.ascontiguousarray(np.rot90(each, -quarters)) for each in (self.grey, self.clipped))
-        return replace(self, grey=grey, clipped=clipped)
+        grey = np.ascontiguousarray(np.rot90(self.grey, -quarters))
+        return replace(self, grey=grey, clipped=np.ascontiguousarray(np.rot90(self.clipped, -quarters)))
 
     def packed(self) -> Picture:
         """Return the picture with its grey levels in a smaller type, in which the counts of a camera are exact."""
