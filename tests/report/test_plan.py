@@ -67,8 +67,11 @@ def test_the_map_shows_its_border_and_its_errors():
     figure = drawn(identifiability_figure(found))
     ax, bar = figure.axes
     assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_xscale()) == (r"$\mathrm{Ca}$ [-]", r"$a/\ell$ [-]", "log")
-    assert "0.01 l" in ax.get_title()
+    assert r"0.01 $\ell$" in ax.get_title()
     assert "68 %" in bar.get_ylabel()
+    widths = 100.0 * found["width_of_surface_shear_modulus"]
+    assert bar.get_ylim()[0] <= widths.min() < widths.max() <= bar.get_ylim()[1]  # the colours leave no number out
+    assert ax.collections[0].extend == "neither"
     border = ax.patches[0].get_xy()
     np.testing.assert_allclose([border[:, 1].min(), border[:, 1].max()], [0.70, 1.15])
 
@@ -106,6 +109,7 @@ def test_the_map_of_an_unknown_membrane_has_a_panel_for_each_measurement_and_mem
     values = dict.fromkeys(names, (("size_ratio", "capillary_number"), plane))
     values |= {end: ("size_ratio", np.full(3, at)) for end, at in (("lowest", 0.01), ("highest", 0.1))}
     axes = drawn(membrane_map_figure(xr.Dataset(values, places))).axes
+    assert axes[4].get_ylim() == (2.0, 70.0)
     titles = [ax.get_title() for ax in axes[:4]]
     assert titles == [f"{seen}, membrane {known}" for seen in ("lengths", "outlines") for known in ("unknown", "known")]
     assert "ln" in axes[4].get_ylabel()

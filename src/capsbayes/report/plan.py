@@ -37,10 +37,7 @@ _LABEL = 42  # characters in a line of a label
 _RARE = 0.005  # share of the capsules that is not mentioned
 _ANSWERS = (_MODULUS, PARAMETERS["capsule_radius"])
 _FLOW = ("mean_velocity", "flow_rate", "capsule_velocity", "capillary_number")
-_LEVELS = (
-    *(0.2, 0.5, 0.7, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0),
-    *(10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 70.0, 100.0, 150.0),
-)  # %
+_LEVELS = np.outer(np.logspace(-2, 5, 8), (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0)).ravel().round(9)  # %
 _TICKS = (0.003, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
@@ -327,7 +324,7 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     figure, ax = style.new_plot(7.4, 5.6)
     width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
     leaning, two_shapes = widths["leaning"].to_numpy(), widths["two_shapes"].to_numpy()
-    levels = _levels(np.where(leaning <= LEANING_SHARE, width, np.nan))
+    levels = _levels(width)
     areas, lines, clip = _draw_map(ax, widths, width, levels, 0.7)
     plane = widths["capillary_number"].to_numpy(), widths["size_ratio"].to_numpy()
     hatched: dict[str, Any] = {"levels": [LEANING_SHARE, 1.1], "colors": "none", "hatches": ["////"]}
@@ -379,7 +376,7 @@ def _draw_map(
     border = border[np.isfinite(border).all(axis=1)]
     clip = Polygon(border, closed=True, fill=False, edgecolor="black", linewidth=1.8, zorder=3)
     ax.add_patch(clip)
-    look: dict[str, Any] = {"norm": LogNorm(levels[0], levels[-1]), "cmap": "viridis_r", "extend": "both"}
+    look: dict[str, Any] = {"norm": LogNorm(levels[0], levels[-1]), "cmap": "viridis_r"}
     areas = ax.contourf(ca, size, _filled(shown), levels=levels, **look)
     lines = ax.contour(ca, size, _filled(shown), levels=levels, colors="white", linewidths=line)
     for drawn in (areas, lines):
@@ -400,13 +397,11 @@ def _draw_scale(figure: Figure, areas: Any, axes: Any, label: str, levels: list[
     figure.colorbar(areas, ax=axes, label=label).set_ticks(levels, labels=[f"{level:g}" for level in levels])
 
 
-def _levels(width: Floats) -> list[float]:
-    """Levels between the smallest and the largest width that is measured."""
-    if np.isnan(width).all():
-        return [float(level) for level in _LEVELS[-4:]]
-    low, high = np.nanmin(width), np.nanmax(width)
-    inner = [level for level in _LEVELS if low < level < high]
-    return inner if len(inner) > 1 else [float(level) for level in np.geomspace(0.9 * low, 1.1 * high, 4)]
+def _levels(shown: Floats) -> list[float]:
+    """Levels from below the smallest number that is shown to above the largest."""
+    known = shown[np.isfinite(shown)] if np.isfinite(shown).any() else np.ones(1)
+    below, above = (int(np.searchsorted(_LEVELS, end, "right")) for end in (known.min(), known.max()))
+    return _LEVELS[below - 1 : above + 1].tolist()
 
 
 def _filled(values: Floats) -> Floats:
@@ -417,7 +412,7 @@ def _filled(values: Floats) -> Floats:
 def _error_words(widths: xr.Dataset) -> str:
     """Model and errors in two lines."""
     stated, lab = (json.loads(widths.attrs[name]) for name in ("errors", "experiment"))
-    scale, unit = (1.0, "l") if stated["unit_of_lengths"] == "l" else (1e6, "µm")
+    scale, unit = (1.0, r"$\ell$") if stated["unit_of_lengths"] == "l" else (1e6, "µm")
     length = "not measured" if stated["axial_length"] is None else f"± {scale * stated['axial_length']:.3g} {unit}"
     share = {name: 100.0 * lab[name]["error"] / lab[name]["value"] for name in ("viscosity", "half_width")}
     return (
