@@ -11,6 +11,7 @@ from command_line import written
 from capsbayes import Measurement
 
 PICTURES = Path(__file__).parents[2] / "examples" / "pictures"
+LEGEND = 4 * (800 // 36)  # px: two lines below the picture
 MOVING = ("--velocity", "6.20 +/- 0.06 mm/s")
 WALLS = ("--walls", "44.5, 154.5", "--wall-error", "0.5 px", "--flow", "right")
 
@@ -50,7 +51,7 @@ def test_a_picture_becomes_a_file_that_identify_reads(here, measure, picture):
     outline = np.loadtxt("m/outline.csv", delimiter=",", skiprows=1)
     assert np.ptp(outline[:, 0]) == pytest.approx(picture.axial_extent, abs=0.5)
     canvas = cv2.imread("m/overlay.png")
-    assert canvas.shape == (800, 4 * picture.picture.shape[1], 3)
+    assert canvas.shape == (800 + LEGEND, 4 * picture.picture.shape[1], 3)
     assert np.any(canvas[:, :, 2].astype(int) - canvas[:, :, 1] > 100)  # the red outline
 
 
@@ -96,7 +97,8 @@ def test_an_upright_picture_is_turned_when_asked(measure, measured, picture):
     assert measured("upright.png", *MOVING, "--rotate", "90").axial_extent == pytest.approx(
         picture.axial_extent / 55.0, abs=0.01
     )
-    assert cv2.imread("m/overlay.png").shape[:2] == tuple(4 * size for size in picture.picture.shape)
+    rows, columns = (4 * size for size in picture.picture.shape)
+    assert cv2.imread("m/overlay.png").shape[:2] == (rows + LEGEND, columns)
 
 
 def test_a_film_becomes_one_file_for_each_capsule(measure):
