@@ -23,11 +23,18 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.identify import REST
 from capsbayes.infer.outline import band
 from capsbayes.infer.posterior import DeterministicAnswer
+from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.model import TWO_SHAPES
 from capsbayes.report import corner_plot, outline_figure, outline_plot
 from capsbayes.report.numbers import value_words
 from capsbayes.report.posterior import budget_sentence, caveats, posterior_parts, status_words
-from capsbayes.report.posterior_figures import capsule_pictures, on_picture, picture_figure, posterior_page
+from capsbayes.report.posterior_figures import (
+    capsule_pictures,
+    corner_of_few,
+    on_picture,
+    picture_figure,
+    posterior_page,
+)
 from capsbayes.status import Status
 
 
@@ -40,8 +47,8 @@ def test_the_page_has_each_part_and_the_error_budget_of_the_posterior(page, tmp_
     text, one = plain(page), posterior()
     parts = (
         value_words("surface_shear_modulus", one.marginals["surface_shear_modulus"]).replace("_", ""),
-        value_words("capsule_radius", one.marginals["capsule_radius"]),
         "The interval is valid if the membrane is one of those of the model manufactured polynomial.",
+        value_words("capsule_radius", one.marginals["capsule_radius"]),
         "The capsule",
         "All quantities",
         "Error budget",
@@ -120,9 +127,23 @@ def test_caveats_and_the_second_engine_are_printed_and_stand_on_the_page():
         assert part in text, part
     assert "wrinkle" not in text
     page = posterior_page(questionable)
+    headline = plain(page.partition('class="verdict"')[2].partition("</p>")[0])
+    assert headline.startswith(f">{status_words(questionable)} Not to be used: Gs = ")
     assert "<b>FAILED</b>" in page
     assert 'class="status caveat"' in page
     assert_same(posterior_parts(questionable), page)
+
+
+def test_the_headline_states_what_it_assumes_and_nothing_below_takes_it_back():
+    one = replace(posterior(), modulus_over_laws=(0.021, 0.143), deterministic=DeterministicAnswer(*[0.1] * 6))
+    page = posterior_page(one)
+    headline = plain(page.partition('class="verdict"')[2].partition("</p>")[0])
+    assert status_words(one) in headline
+    assert "Another membrane law could give the same lengths with any Gs from 21" in headline
+    assert page.count("Another membrane law") == 1
+    assert 'class="status' not in page
+    assert "published: what the procedure of Quesada et al. (2021) answers, without errors" in plain(page)
+    assert_same(posterior_parts(one), page)
 
 
 def test_a_name_from_outside_cannot_write_html():
@@ -145,6 +166,9 @@ def test_a_further_coordinate_and_the_second_engine_are_shown():
     assert "quadrature" in text
     assert "The engines agree: means within 0.010 sd" in text
     assert page.count("<img") == 2
+    labels = {ax.get_label() for ax in corner_of_few(more).axes}
+    assert {"surface_shear_modulus", "capsule_radius", "pre_inflation"} < labels
+    assert len(labels) == 15  # five quantities, and their pairs
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +266,7 @@ def test_the_corner_plot_marks_the_deterministic_answer_and_what_has_no_spread()
     pair = next(ax for ax in figure.axes if ax.get_label() == "size_ratio surface_shear_modulus")
     (marker,) = (line for line in pair.lines if line.get_marker() == "D")
     np.testing.assert_allclose([marker.get_xdata()[0], marker.get_ydata()[0]], [41.0, 0.959])
-    assert "deterministic" in figure.legends[0].get_texts()[0].get_text()
+    assert "published" in figure.legends[0].get_texts()[0].get_text()
     fixed = np.full_like(known.draws["size_ratio"], 0.9)
     same = replace(known, draws=known.draws | {"size_ratio": fixed})
     ax = corner_plot(same, ("capillary_number", "size_ratio")).axes[-1]
@@ -267,7 +291,7 @@ def test_the_outline_is_drawn_with_walls_lengths_and_both_scales():
     assert ax.get_xlabel() == r"$z/\ell$"
     seen = known.measurement
     assert any(f"{seen.axial_extent:.3f}" in text and "0.010" in text for text in texts(ax))
-    assert any(f"{seen.axial_length:.3f}" in text for text in texts(ax))
+    assert any(rf"$L_a/\ell = {seen.axial_length:.3f}" in text for text in texts(ax))
     horizontal = [line.get_ydata()[0] for line in ax.lines if np.ptp(line.get_ydata()) == 0.0]
     assert {-1.0, 1.0} <= set(horizontal)
     (scale,) = ax.child_axes
@@ -282,6 +306,18 @@ def test_the_outline_is_drawn_with_walls_lengths_and_both_scales():
     assert pixels.width / pixels.height == pytest.approx(wide / high, rel=1e-3)
 
 
+def test_the_arrow_of_the_length_on_the_axis_ends_at_the_rear_which_is_marked_where_it_is_hidden():
+    known = posterior()
+    middle = band(known.outlines)[0]
+    for view in ("mid-plane", "silhouette"):
+        outline = MeasuredOutline(known.outlines[0], OutlineNoise(0.01, 0.0), view=view)
+        ax = outline_plot(replace(known, measurement=replace(known.measurement, outline=outline)), Figure().subplots())
+        (end,) = (text.xy for text in ax.texts if getattr(text, "xy", (0.0, 1.0))[1] == 0.0)
+        assert end[0] == pytest.approx(middle[:, 0].max() - known.measurement.axial_length)
+        assert end[0] == pytest.approx(middle[np.abs(middle[:, 1]) < 0.1, 0].min(), abs=0.02)
+        assert ("rear on the axis" in texts(ax)) is (view == "silhouette")
+
+
 def test_lengths_in_metres_are_drawn_over_l_and_missing_ones_are_not():
     known = posterior()
     seen = known.measurement
@@ -292,6 +328,6 @@ def test_lengths_in_metres_are_drawn_over_l_and_missing_ones_are_not():
     assert any(f"{seen.axial_extent:.3f}" in text for text in texts(ax))
     seen = replace(known.measurement, axial_length=None, axial_length_error=None)
     ax = outline_plot(replace(known, measurement=seen), Figure().subplots())
-    assert not any("mathrm{a}" in text for text in texts(ax))
+    assert not any("L_a" in text for text in texts(ax))
     with pytest.raises(InputError, match="expected a posterior with outlines"):
         outline_figure(replace(known, outlines=None))

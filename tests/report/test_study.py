@@ -112,7 +112,7 @@ def test_figures_show_the_regions_every_capsule_and_the_slopes(study):
     words = " ".join(text.get_text() for text in figure.axes[0].texts)
     for name in ("nose", "flanks", "rear rim", "rear on the axis"):
         assert name in words
-    assert "µm (" in words
+    assert "µm\n(" in words
     assert {"mean residual [µm]", "mean residual [standard errors]"} <= {ax.get_xlabel() for ax in figure.axes}
     share = arc_share(study.comparison.along_outline.outline)
     assert (share[0], share[-1] < 100.0) == (0.0, True)

@@ -63,13 +63,13 @@ def test_text_is_escaped_and_a_page_may_fetch_nothing():
 def test_pictures_lie_within_and_are_the_same_each_time():
     figure = Figure()
     figure.subplots().plot([0, 1])
-    vector, pixels = picture(figure, 'a "line"', "below"), picture(figure, "a line", png=True, fit="narrow scroll")
+    vector, pixels = picture(figure, 'a "line"', "below"), picture(figure, "a line", png=True)
     assert vector == picture(figure, 'a "line"', "below")
     assert base64.b64decode(re.search('svg.xml;base64,([^"]+)', vector)[1]).startswith(b"<svg")
     assert base64.b64decode(re.search('png;base64,([^"]+)', pixels)[1]).startswith(b"\x89PNG")
     assert 'alt="a &#34;line&#34;"' in vector
     assert "<figcaption>below</figcaption>" in vector
-    assert pixels.startswith('<figure class="narrow"><div class="wide"')
+    assert pixels.startswith('<figure><div class="wide" tabindex="0" style="--points: 461px"><img')
     assert "figcaption" not in image(b"", "png", "nothing")
 
 

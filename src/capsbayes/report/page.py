@@ -40,22 +40,17 @@ def page(template: str, **content: Any) -> str:
     return _templates().get_template(template).render(**content) + "\n"
 
 
-def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False, fit: str = "") -> Markup:
-    """Return a figure as an SVG, or what has too many lines as a `png`, within the page, the same bytes each time.
-
-    With ``scroll`` in `fit`, a narrow screen scrolls it instead of making it small; with ``narrow``, a wide one does
-    not make it as wide as the page.
-    """
+def picture(figure: Figure, alternative: str, caption: str = "", *, png: bool = False) -> Markup:
+    """Return a figure as an SVG, or what has too many lines as a `png`, within the page, the same bytes each time."""
+    points = 72.0 * figure.get_figwidth()
     if png:
         pixels = io.BytesIO()
         figure.savefig(pixels, format="png", dpi=160, metadata={"Software": None})
-        return image(pixels.getvalue(), "png", alternative, caption, fit=fit)
-    return image(_svg(figure).encode(), "svg+xml", alternative, caption, fit=fit)
+        return image(pixels.getvalue(), "png", alternative, caption, points)
+    return image(_svg(figure).encode(), "svg+xml", alternative, caption, points)
 
 
-def drawing(
-    figure: Figure, marks: Mapping[str, Sequence[str]], alternative: str, caption: str, *, fit: str = ""
-) -> Markup:
+def drawing(figure: Figure, marks: Mapping[str, Sequence[str]], alternative: str, caption: str) -> Markup:
     """Return a figure as an SVG whose marks, by the ``gid`` of their artist, say a text when they are pointed at."""
     root = ElementTree.fromstring(_svg(figure))
     root.attrib = {"role": "img", "aria-label": alternative, "viewBox": root.attrib["viewBox"]}
@@ -69,7 +64,7 @@ def drawing(
             title = ElementTree.Element(f"{_SVG}title")
             title.text = text
             mark.insert(0, title)
-    return _figure(Markup(ElementTree.tostring(root, encoding="unicode")), caption, fit)
+    return _figure(Markup(ElementTree.tostring(root, encoding="unicode")), caption, 72.0 * figure.get_figwidth())
 
 
 def _svg(figure: Figure) -> str:
@@ -80,18 +75,19 @@ def _svg(figure: Figure) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def image(content: bytes, kind: str, alternative: str, caption: str = "", *, fit: str = "") -> Markup:
-    """Return the bytes of a picture of a kind, as ``"png"``, as an image within the page; see `picture`."""
+def image(content: bytes, kind: str, alternative: str, caption: str = "", points: float = 0.0) -> Markup:
+    """Return the bytes of a picture of a kind, as ``"png"``, as an image within the page; `points` are its width."""
     data = base64.b64encode(content).decode()
-    return _figure(Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data), caption, fit)
+    return _figure(
+        Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data), caption, points
+    )
 
 
-def _figure(shown: Markup, caption: str, fit: str) -> Markup:
-    if "scroll" in fit:
-        shown = Markup('<div class="wide" tabindex="0">{}</div>').format(shown)
+def _figure(shown: Markup, caption: str, points: float) -> Markup:
+    """A figure in a box of its own, which scrolls where a point of it would be less than a pixel of the screen."""
     below = Markup("\n<figcaption>{}</figcaption>").format(caption) if caption else ""
-    size = Markup(' class="narrow"') if "narrow" in fit else ""
-    return Markup("<figure{}>{}{}</figure>").format(size, shown, below)
+    width = Markup(' style="--points: {:.0f}px"').format(points) if points else ""
+    return Markup('<figure><div class="wide" tabindex="0"{}>{}</div>{}</figure>').format(width, shown, below)
 
 
 @functools.cache

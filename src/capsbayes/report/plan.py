@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
@@ -261,8 +260,7 @@ def flow_figure(design: FlowDesign) -> Figure:
     upper.set_xscale("log")
     above = style.second_scale(upper, _RATE.shown(design.points[0].flow_rate) / speed[0])
     above.set_xlabel(_RATE.axis_label)
-    for axis in (upper.xaxis, above.xaxis):
-        _plain_numbers(axis)
+    style.plain_numbers(upper.xaxis, above.xaxis)
     label = "expected half of the 68 %\ninterval of $G_\\mathrm{s}$ [%]"
     upper.set(xlim=(0.92 * speed[0], 1.08 * speed[-1]), ylim=(0.0, 1.08 * float(np.nanmax(width))), ylabel=label)
     style.framed(upper, ("right",)).legend(frameon=False, fontsize=9, loc="lower left")
@@ -274,12 +272,6 @@ def _frame_risks(ax: Axes, risk: float) -> None:
     """Axes of shares of the capsules over the velocity, with the share that is allowed."""
     ax.axhline(100.0 * risk, color="black", linewidth=0.8, linestyle=":")
     ax.set(xlabel=_SPEED.axis_label, ylabel="capsules [%]", ylim=(-4.0, 104.0))
-
-
-def _plain_numbers(axis: Axis) -> None:
-    """Plain numbers at the ticks of a logarithmic axis, at 2 and 5 between the decades too."""
-    axis.set_major_formatter(lambda value, _: f"{value:g}")
-    axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
 
 
 def membrane_flow_figure(design: MembraneFlowDesign) -> Figure:
@@ -306,7 +298,7 @@ def membrane_flow_figure(design: MembraneFlowDesign) -> Figure:
         lower.plot(speed, shares, color=colour, linewidth=width, label=label)
     _frame_risks(lower, design.risk)
     lower.set_xscale("log")
-    _plain_numbers(lower.xaxis)
+    style.plain_numbers(lower.xaxis)
     style.framed(lower).legend(frameon=False, fontsize=9, loc="upper center")
     style.framed(upper).grid(axis="x", color=PALE, linewidth=0.5)
     return figure

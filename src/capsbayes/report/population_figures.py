@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.infer.hierarchy import ModulusSpread
@@ -18,7 +16,7 @@ from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
 from capsbayes.report.numbers import with_unit
 from capsbayes.report.page import page
-from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_plot
+from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_plot, plain_numbers
 
 USABLE, OTHERS = "usable-capsules", "other-capsules"
 """Ids of the points of `modulus_against_radius`, which are in the order of the population."""
@@ -31,7 +29,7 @@ _MOST_MARKS = 500  # points; a picture of pixels is smaller than more
 
 def modulus_histogram(population: Population, spread: ModulusSpread | None = None) -> Figure:
     """Draw the medians of G_s of the usable capsules, and over them the spread with the errors removed."""
-    figure, ax = new_plot(5.8, 3.6)
+    figure, ax = new_plot(5.0, 3.4)
     edges, counts = _bars(population)
     shown = _MODULUS.scale * np.exp(edges)
     ax.stairs(counts, shown, fill=True, facecolor=PALE, edgecolor=INK, linewidth=1.0, label="medians, errors in them")
@@ -39,10 +37,11 @@ def modulus_histogram(population: Population, spread: ModulusSpread | None = Non
         ax.bar(shown[number], count, np.diff(shown)[number], align="edge", color=INK, alpha=0.002, gid=f"bar-{number}")
     if spread is not None and counts.any():
         _draw_spread(ax, spread, counts.sum() * float(edges[1] - edges[0]), edges)
-    _log_scale(ax.xaxis, ax.set_xscale)
+    ax.set_xscale("log")
+    plain_numbers(ax.xaxis)
     ax.set(xlabel=_MODULUS.axis_label, ylabel="capsules")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    legend_below(figure, framed(ax), 3, fontsize=10)
+    legend_below(figure, framed(ax), 2)
     return figure
 
 
@@ -74,7 +73,7 @@ def bar_words(population: Population) -> dict[str, list[str]]:
 
 def modulus_against_radius(population: Population) -> Figure:
     """Draw the median G_s of each capsule against its median radius, with 68 % intervals."""
-    figure, ax = new_plot(5.8, 4.2)
+    figure, ax = new_plot(5.0, 4.0)
     use = population.usable
     bars = int(np.isfinite(population[f"{_MODULUS.name}_median"]).sum()) <= _MOST_BARS
     for rows, colour, marker, face, label in (
@@ -89,11 +88,12 @@ def modulus_against_radius(population: Population) -> Figure:
         style = {"marker": marker, "linestyle": "none", "color": colour, "markerfacecolor": face, "markersize": 4.0}
         drawn = ax.errorbar(x[0][seen], y[0][seen], **errors, **style, elinewidth=0.7, alpha=0.85, label=label)  # type: ignore[arg-type]
         drawn.lines[0].set_gid(USABLE if marker == "o" else OTHERS)
-    _log_scale(ax.yaxis, ax.set_yscale)
+    ax.set_yscale("log")
+    plain_numbers(ax.yaxis)
     ax.set(xlabel=_RADIUS.axis_label, ylabel=_MODULUS.axis_label)
     framed(ax)
     if ax.get_legend_handles_labels()[0]:
-        legend_below(figure, ax, 2, fontsize=10)
+        legend_below(figure, ax, 1)
     return figure
 
 
@@ -114,16 +114,6 @@ def _with_errors(population: Population, parameter: Parameter, rows: Booleans) -
         parameter.scale * population[f"{parameter.name}_{kind}"][rows] for kind in ("median", "lower_68", "upper_68")
     )
     return median, np.nan_to_num(np.maximum(np.stack([median - low, high - median]), 0.0))
-
-
-def _log_scale(scale: Axis, set_scale: Callable[[str], object]) -> None:
-    """A logarithmic scale with plain numbers at its ticks, also where it spans less than a decade."""
-    set_scale("log")
-    low, high = scale.get_view_interval()
-    subs = (1.0, 2.0, 5.0) if high > 8.0 * low else tuple(np.arange(1.0, 10.0, 1.0 if high > 2.0 * low else 0.5))
-    scale.set_major_locator(LogLocator(subs=subs, numticks=12))
-    scale.set_major_formatter(StrMethodFormatter("{x:g}"))
-    scale.set_minor_formatter(NullFormatter())
 
 
 def population_page(

@@ -30,6 +30,7 @@ from capsbayes.report.tables import Code, Strong, Symbols, table
 KEPT = 0.9
 """Width over that of the prior, above which a parameter kept its prior."""
 _TOLD = 0.5  # the same, below which the data tell it
+_PUBLISHED = "published: what the procedure of Quesada et al. (2021) answers, without errors"
 _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 BEYOND_LAWS = 0.3
@@ -62,12 +63,12 @@ def status_words(posterior: Posterior) -> str:
     passed = sum(gate.passed for gate in posterior.gates)
     gates = f"{passed} of {len(posterior.gates)} checks"
     if posterior.status.ok:
-        membrane = _membrane_words(posterior.model_name)
+        membrane = membrane_words(posterior.model_name)
         return f"The computation succeeded ({gates}). The interval is valid if the membrane {membrane}."
     return f"{posterior.status} ({gates} of the computation passed.)"
 
 
-def _membrane_words(model: str) -> str:
+def membrane_words(model: str) -> str:
     """Return what a model of some name assumes of the membrane."""
     plain, _, further = model.removesuffix(" (silhouettes)").replace(" with ", " at ").partition(" at ")
     law, changed = plain.partition("-")[2], {part for part in further.split(", ") if part.startswith(_OF_LAW)}
@@ -79,7 +80,7 @@ def _membrane_words(model: str) -> str:
 
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
-    parts = (_other_laws, _computation, _borders, _capsule, _coordinates)
+    parts = (other_laws, _computation, _borders, _capsule, _coordinates)
     return [sentence for part in parts for sentence in part(posterior)]
 
 
@@ -146,7 +147,8 @@ def budget_sentence(posterior: Posterior) -> str:
     return f"The largest contribution to the uncertainty of G_s is {words}{share}."
 
 
-def _other_laws(posterior: Posterior) -> Iterator[str]:
+def other_laws(posterior: Posterior) -> Iterator[str]:
+    """Say what G_s may be if the membrane obeys another law, where that was computed."""
     if posterior.modulus_over_laws is not None:
         name, known = "surface_shear_modulus", PARAMETERS["surface_shear_modulus"]
         digits = two_digits(known.shown(posterior.modulus_over_laws[0]))
@@ -267,7 +269,7 @@ def quantity_table(posterior: Posterior) -> pd.DataFrame:
         cells = [rounded(parameter.shown(value), digits) if math.isfinite(value) else "" for value in others]
         rows.append([Symbols(parameter.label), *marginal_cells(name, marginal), *cells])
     title = f"Posterior by {posterior.engine}: median and equal-tailed intervals"
-    return table(head, rows, title=title, numbers=range(1, len(head)))
+    return table(head, rows, title=title, note=_PUBLISHED * bool(answer), numbers=range(1, len(head)))
 
 
 def budget_table(posterior: Posterior) -> pd.DataFrame | None:

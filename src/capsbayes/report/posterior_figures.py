@@ -19,7 +19,7 @@ from capsbayes.files.input_file import PICTURES
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
 from capsbayes.infer.posterior import DIFFERENCES, Resimulation
-from capsbayes.measurement import MID_PLANE
+from capsbayes.measurement import MID_PLANE, SILHOUETTE
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
 from capsbayes.report.numbers import two_digits, unit_of, value_words
@@ -67,14 +67,14 @@ _PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
 _AROUND = 1.25  # of the photograph that is shown, either side of the axis, over l
 _BAR = 0.25  # of the photograph's width, at most
 _OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
-_WIDTH = 6.2  # inch: small enough for its letters to be read on a phone
+_WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
 
 
 def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
     """Draw every pair of quantities with 68 % and 95 % contours, and each alone with median and 68 % interval.
 
-    The deterministic answer is marked if it is known; quantities that the posterior lacks are omitted. The label of
-    each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
+    The published procedure's answer is marked if it is known; quantities that the posterior lacks are omitted. The
+    label of each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     """
     import corner  # it imports arviz, a second
 
@@ -105,9 +105,15 @@ def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
             if answer:
                 line = ax.axvline(up.shown(answer[up.name]), color=ACCENT, linewidth=1.4)
     if answer:
-        words = "deterministic answer (diffuse approximation)"
+        words = "published procedure (Quesada et al. 2021)"
         figure.legend([line], [words], loc="upper right", fontsize=12, frameon=False)
     return figure
+
+
+def corner_of_few(posterior: Posterior) -> Figure:
+    """Draw the corner plot of at most five: G_s, a, further coordinates, then the others."""
+    names = (*SHOWN[:2], *posterior.prior.uncertain, *SHOWN[2:])
+    return corner_plot(posterior, [name for name in names if name in posterior.draws][: len(SHOWN)])
 
 
 def corner_of_all(posterior: Posterior) -> Figure:
@@ -142,9 +148,9 @@ def _title(parameter: Parameter, marginal: Marginal) -> str:
     return f"${parameter.latex} = {middle:.{digits}f}{errors}${unit_of(parameter)}"
 
 
-def outline_figure(posterior: Posterior, *, width: float = 7.4) -> Figure:
+def outline_figure(posterior: Posterior, *, width: float = _WIDTH) -> Figure:
     """Draw `outline_plot` alone on a figure of a width [inch] that fits it."""
-    left, right, bottom, top = 0.75, 0.2, 1.0, 0.7
+    left, right, bottom, top = 0.7, 0.15, 1.1, 0.65
     figure = new_figure(width, width, layout=None)
     ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))
     wide = width - left - right
@@ -177,12 +183,13 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     if seen is not None:
         measured, _ = aligned_with(seen.points, middle)
         ax.plot(*measured.T, ".", color=ACCENT, markersize=2.0, label="measured outline", zorder=4)
-    _draw_lengths(ax, posterior, nose)
+    _draw_lengths(ax, posterior, nose, hidden=shown == SILHOUETTE)
     _label_outline(ax, posterior, ends)
     return ax
 
 
-def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
+def _draw_lengths(ax: Axes, posterior: Posterior, nose: float, *, hidden: bool) -> None:
+    """Arrows of the measured lengths; the rear on the axis is marked where the view hides it."""
     measured = posterior.measurement
     scale = 1.0 if measured.over_half_width else posterior.inputs.half_width.value
     lines = [("z", measured.axial_extent, measured.axial_extent_error, _DIMENSION_LINE)]
@@ -196,9 +203,12 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
         label = "measured, ±2 standard errors" if height else None
         sides = rear - 2 * error, rear + 2 * error
         ax.fill_betweenx(ends, *sides, color=ACCENT, alpha=0.3, linewidth=0, zorder=4, label=label)
-        text = rf"$L_{{\mathrm{{{symbol}}}}}/\ell = {length:.3f} \pm {error:.3f}$"
+        text = rf"$L_{symbol}/\ell = {length:.3f} \pm {error:.3f}$"
         middle = nose - 0.5 * length, height + 0.05
-        ax.text(*middle, text, color=ACCENT, ha="center", va="bottom", fontsize=12, zorder=6)
+        ax.text(*middle, text, color=ACCENT, ha="center", va="bottom", fontsize=11, zorder=6)
+        if hidden and not height:
+            ax.plot([rear, rear], [-0.2, 0.2], color=ACCENT, linewidth=1.3, zorder=5)
+            ax.text(rear, -0.24, "rear on the axis", color=ACCENT, va="top", zorder=6)
     for z, low in ((nose, 0.0), (nose - measured.axial_extent / scale, -0.2)):
         ax.plot([z, z], [low, _DIMENSION_LINE + 0.06], ":", color=ACCENT, linewidth=1.0, zorder=1.5)
 
@@ -206,7 +216,7 @@ def _draw_lengths(ax: Axes, posterior: Posterior, nose: float) -> None:
 def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) -> None:
     """Label the axes and say the direction of the flow and the medians."""
     micrometres = 1e6 * posterior.inputs.half_width.value
-    flow: dict[str, Any] = {"va": "center", "ha": "right", "fontsize": 11, "color": "#555555"}
+    flow: dict[str, Any] = {"va": "center", "ha": "right", "color": "#555555"}
     arrow = {"arrowstyle": "-|>", "color": "#555555"}
     ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), arrowprops=arrow, **flow)
     ax.set(xlim=ends, ylim=(-1.0 - _THICKNESS, _TOP), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
@@ -215,13 +225,12 @@ def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) ->
     framed(ax, ("right",))
     ca, size = posterior.marginals["capillary_number"], posterior.marginals["size_ratio"]
     text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
-    ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top", fontsize=11)
+    ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top")
     handles, labels = ax.get_legend_handles_labels()
     order = [1, 0, *range(2, len(handles))]  # the line before its band
-    columnspacing, handlelength, fontsize = (1.5, 1.6, 10) if len(order) < 4 else (1.0, 1.2, 8.5)
-    sizes: dict[str, Any] = {"columnspacing": columnspacing, "handlelength": handlelength, "fontsize": fontsize}
-    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.075), "ncols": len(order)}
-    ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **sizes)
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.1), "ncols": 2}
+    gaps = {"columnspacing": 1.0, "handlelength": 1.2}
+    ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **gaps)
 
 
 def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
@@ -235,7 +244,7 @@ def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
     each = along.plot(share, off.T, color=PALE, linewidth=0.6)
     each[0].set_label("each shape")
     along.plot(share, off.mean(axis=0), color=ACCENT, linewidth=1.6, label="mean")
-    along.set(xlim=(0.0, 1.0), xlabel="round the outline", ylabel="simulated − predicted [0.001 l]")
+    along.set(xlim=(0.0, 1.0), xlabel="round the outline", ylabel=r"simulated − predicted [0.001 $\ell$]")
     along.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["nose", "side", "rear", "side", "nose"])
     for place, (column, errors) in enumerate(zip(seen.differences.T, seen.stated.T, strict=True)):
         reach = 1e3 * float(np.sqrt(np.mean(np.square(errors))))
@@ -309,9 +318,9 @@ def on_picture(outline: Floats, detection: Detection) -> Floats:
 
 def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
     """A bar of a round length in the corner, dark around so that it shows on any picture; `pixels` make a metre."""
-    most = _BAR * columns / pixels
-    size = 10.0 ** np.floor(np.log10(most))
-    size *= max(factor for factor in (1.0, 2.0, 5.0) if factor * size <= most)
+    from capsbayes.image.overlay import round_length
+
+    size = round_length(_BAR * columns / pixels)
     length = size * pixels
     start, height = 0.03 * columns, bottom - 0.03 * columns
     ax.plot([start, start + length], [height, height], color="black", linewidth=5.0, solid_capstyle="butt")
@@ -330,7 +339,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         name=Path(source).name if source else "without a name",
         headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
         pictures=list(capsule_pictures(posterior, capsule, folder)),
-        corner=corner_of_all(posterior),
+        corner=corner_of_few(posterior),
         resimulated=None if posterior.resimulation is None else resimulation_figure(posterior.resimulation),
     )
 
@@ -343,7 +352,7 @@ def capsule_pictures(
     if posterior.outlines is not None:
         caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
         alternative = "predicted outline and measured lengths in the channel"
-        yield picture(outline_figure(posterior), alternative, caption, fit="narrow")
+        yield picture(outline_figure(posterior), alternative, caption)
 
 
 def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
@@ -354,18 +363,18 @@ def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path |
     if known is not None and figure is not None:
         caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
         alternative = "picture of the capsule with measured and predicted outline"
-        yield picture(figure, alternative, caption, png=True, fit="narrow")
+        yield picture(figure, alternative, caption, png=True)
     elif capsule is not None and not by_hand:
         caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
-        yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True, fit="narrow")
+        yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True)
     else:
         source = posterior.measurement.source
         for place in (folder, Path(source).parent if source else None):
             if place is not None and (place / _OVERLAY).is_file():
-                caption = "What was found in the picture: walls blue, edge red, length along the flow violet."
+                caption = "What was found in the picture."
                 caption += " Dashed walls and a dotted axis were stated by hand." * bool(by_hand)
                 alternative = "picture of the capsule with what was found in it"
-                yield image((place / _OVERLAY).read_bytes(), "png", alternative, caption, fit="narrow")
+                yield image((place / _OVERLAY).read_bytes(), "png", alternative, caption)
                 return
 
 

@@ -110,15 +110,17 @@ def _session_modulus(study: Study) -> Iterator[str]:
     modulus = study.surface_shear_modulus
     if math.isfinite(modulus.median):
         median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
+        if study.probabilities.get(UNKNOWN, 0.0) > _NOT_KNOWN:
+            yield (
+                "G_s is not known while what is missing is not: measure what would distinguish the explanations first. "
+                f"Until then its median may lie anywhere from {low:.3g} to {high:.3g}{unit_of(_MODULUS)} (95 %)."
+            )
+            return
         interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
         yield (
             f"Median G_s of the session: {interval}, averaged over all explanations, with the uncertainty of their "
             "sizes and of the viscosity."
         )
-        if study.probabilities.get(UNKNOWN, 0.0) > _NOT_KNOWN:
-            yield (
-                "G_s is not known while what is missing is not: measure what would distinguish the explanations first."
-            )
 
 
 def _one_modulus(study: Study) -> Iterator[str]:

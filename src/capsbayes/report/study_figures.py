@@ -19,10 +19,22 @@ from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import arc_share
 from capsbayes.report import study as texts
 from capsbayes.report.page import page
-from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure, new_plot
+from capsbayes.report.style import (
+    ACCENT,
+    INK,
+    PALE,
+    WALL,
+    closed,
+    draw_walls,
+    framed,
+    new_figure,
+    new_plot,
+    plain_numbers,
+)
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
+_WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
 _COUNT = 3  # capsules that are shown one by one
 _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
 """Place of the name of each region: share of the picture's width, and y over l."""
@@ -30,20 +42,20 @@ _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5),
 
 def candidate_ratios(study: Study) -> Figure:
     """Draw the log-likelihood ratio of every candidate, those in question in a colour."""
-    figure, ax = new_plot(10.0, 0.9 + 0.32 * len(study.scores))
+    figure, ax = new_plot(_WIDTH, 0.9 + 0.32 * len(study.scores))
     ratios = [scores.log_likelihood_ratio for scores in study.scores.values()]
     names = [scores.effect.name for scores in study.scores.values()]
     bars = ax.barh(names, ratios, color=[INK if name in study.names else _OTHER for name in study.scores], height=0.65)
-    ax.bar_label(bars, [f"{ratio:.1f}" for ratio in ratios], padding=4, fontsize=9)
-    ax.margins(x=0.08)
+    ax.bar_label(bars, [f"{ratio:.1f}" for ratio in ratios], padding=4)
+    ax.margins(x=0.2)
     ax.invert_yaxis()
-    framed(ax).set_xlabel("log-likelihood ratio of the model with the effect, at its best size, to the model without")
+    framed(ax).set_xlabel("log-likelihood ratio of the effect\nat its best size to no effect")
     return figure
 
 
 def moduli(verification: Verification) -> Figure:
     """Draw G_s of each capsule with its error before and after an effect is added, and the medians."""
-    figure, ax = new_plot(10.0, 3.8)
+    figure, ax = new_plot(_WIDTH, 3.6)
     order = np.argsort(verification.comparisons[0].modulus)  # NaN last
     places = np.arange(1, len(order) + 1)
     styles = (("before", ACCENT, -0.14, "o", "white"), ("after", INK, 0.14, "s", INK))
@@ -67,12 +79,13 @@ def misfits(compared: Comparison) -> Figure | None:
     known, ill = np.isfinite(misfit), compared.fits.ill
     if not known.any():
         return None
-    figure, ax = new_plot(10.0, 3.8)
+    figure, ax = new_plot(_WIDTH, 3.6)
     largest = max(2.0, float(misfit[known].max()))
     colours: dict[str, Any] = {"c": misfit[known], "cmap": "RdBu_r", "norm": TwoSlopeNorm(1.0, 0.0, largest)}
     shown = ax.scatter(ca[known], size[known], s=60, edgecolors=INK, linewidths=0.6, **colours)
     ax.plot(ca[ill], size[ill], "x", color=INK, markersize=10)
     ax.set_xscale("log")
+    plain_numbers(ax.xaxis)
     ax.set(xlabel=PARAMETERS["capillary_number"].axis_label, ylabel=_SIZE.axis_label)
     figure.colorbar(shown, ax=ax, label="misfit over degrees of freedom")
     return figure
@@ -80,8 +93,8 @@ def misfits(compared: Comparison) -> Figure | None:
 
 def trends(compared: Comparison, finding: Finding) -> Figure:
     """Draw the apparent G_s of each capsule against velocity and size, with the slopes of the finding."""
-    figure = new_figure(10.0, 3.8)
-    left, right = figure.subplots(1, 2, sharey=True)
+    figure = new_figure(_WIDTH, 6.6)
+    left, right = figure.subplots(2, 1, sharey=True)
     slopes = {deviation.name: deviation for deviation in finding.deviations}
     done = compared.fits.settled
     values, errors = (_MODULUS.scale * each[done] for each in (compared.modulus, compared.modulus_error))
@@ -103,9 +116,9 @@ def trends(compared: Comparison, finding: Finding) -> Figure:
         ax.plot(line, centre, color=ACCENT, linewidth=1.5, label="fitted slope ± standard error")
         fitted = f"{slope.size:+.2f} ± {slope.error:.2f} ({slope.sigma:+.1f} σ)"
         ax.set_title(rf"$d \ln G_\mathrm{{s}} / d {symbol}$ = {fitted}", fontsize=10)
-        ax.legend(frameon=False, fontsize=9)
+        ax.legend(frameon=False)
     left.set(xlabel=_VELOCITY.axis_label, ylabel=f"apparent {_MODULUS.axis_label}")
-    right.set(xlabel=_SIZE.axis_label)
+    right.set(xlabel=_SIZE.axis_label, ylabel=f"apparent {_MODULUS.axis_label}")
     return figure
 
 
@@ -158,7 +171,8 @@ def _name_regions(ax: Axes, outline: Floats, finding: Finding) -> None:
         if name in words:
             share, height = _LABELS[name]
             at = ax.get_xlim()[0] + share * np.ptp(ax.get_xlim()), height
-            ax.annotate(f"{name}\n{words[name]}", outline[place], at, fontsize=8.5, ha="center", va="center", **style)  # type: ignore[arg-type]
+            said = words[name].replace(" (", "\n(")
+            ax.annotate(f"{name}\n{said}", outline[place], at, ha="center", va="center", **style)  # type: ignore[arg-type]
 
 
 def _unroll(ax: Axes, along: AlongOutline) -> None:
@@ -170,10 +184,10 @@ def _unroll(ax: Axes, along: AlongOutline) -> None:
     for name, place in _places(along.outline).items():
         for at in {round(share[place], 3), round(100.0 - share[place], 3)}:
             ax.axvline(at, color="#bbbbbb", linewidth=0.8, linestyle=":")
-            ax.text(at, 1.01, name, transform=ax.get_xaxis_transform(), ha="center", va="bottom", fontsize=9)
+            ax.text(at, 1.01, name, transform=ax.get_xaxis_transform(), ha="center", va="bottom")
     ax.set(xlim=(0.0, 100.0), xlabel="place along the edge from the nose [% of the perimeter]", ylabel="residual [µm]")
     ax.set_xticks([0, 25, 50, 75, 100])
-    ax.legend(loc="upper center", frameon=False, fontsize=9, ncols=2)
+    ax.legend(loc="upper center", frameon=False, ncols=2)
     ax.margins(y=0.15)
 
 
@@ -220,7 +234,7 @@ def _mean(ax: Axes, verification: Verification) -> None:
             ax.plot(share, mean, style, color=colour, label=f"{when}, mean of all capsules ± standard error")
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]", ylabel="mean residual [µm]")
     ax.margins(y=0.25)
-    ax.legend(frameon=False, ncols=2, fontsize=9, loc="upper center")
+    ax.legend(frameon=False, ncols=2, loc="upper center")
 
 
 def _predictions(ax: Axes, before: Comparison, after: Comparison, row: int) -> None:

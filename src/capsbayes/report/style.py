@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from capsbayes.arrays import Floats
 from capsbayes.files.output_file import write_file
@@ -50,6 +52,16 @@ def legend_below(figure: Figure, entries: Axes | Sequence[Artist], columns: int,
 def second_scale(ax: Axes, factor: float) -> Any:
     """Put a second scale above axes, a multiple of that below."""
     return ax.secondary_xaxis("top", functions=(partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)))
+
+
+def plain_numbers(*scales: Axis) -> None:
+    """Put plain numbers at the ticks of logarithmic scales, also where they span less than a decade."""
+    for scale in scales:
+        low, high = scale.get_view_interval()
+        subs = (1.0, 2.0, 5.0) if high > 8.0 * low else tuple(np.arange(1.0, 10.0, 1.0 if high > 2.0 * low else 0.5))
+        scale.set_major_locator(LogLocator(subs=subs, numticks=12))
+        scale.set_major_formatter(StrMethodFormatter("{x:g}"))
+        scale.set_minor_formatter(NullFormatter())
 
 
 def outlined(labels: Iterable[Text]) -> None:

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 
+_LONG = 40  # letters, from which a cell of a page is given room
 _SENTENCE = 32  # letters beyond which the text of a cell is broken into lines
 _UNIT = re.compile(r"(?<=[\d±]) (?=\d|%|mN/m|mm/s|µm|µL/min|Pa s|sd\b|px\b|l\b)")  # a space that no line ends with
 _FIRM = "\N{NO-BREAK SPACE}"
-_SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
+_SIGNS = {"alpha": "α", "delta": "δ", "eps": "ε", "theta": "θ", "mu": "µ", "Lambda": "Λ", "l": "ℓ"}
 
 
 class Symbols(str):
@@ -61,8 +62,9 @@ def table(
 ) -> pd.DataFrame:
     """Return a table of texts; what is not in its cells stands in its ``attrs``.
 
-    Headings that are all empty give no line of headings. Title and note stand above and below the table on the terminal
-    alone. Columns of `numbers` are set to the right; `bars`, one share a row, are drawn by HTML below the first column.
+    Headings that are all empty give no line of headings. The note stands below the table, the title above it on the
+    terminal alone. Columns of `numbers` are set to the right; `bars`, one share a row, are drawn by HTML below the
+    first column.
     """
     frame = pd.DataFrame([list(row) for row in rows], columns=pd.Index(range(len(head)), dtype=object), dtype=object)
     frame.columns = pd.Index(list(head), dtype=object)
@@ -183,8 +185,9 @@ def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
     head = Markup().join(_heading(text, k in numbers, sortable) for k, text in enumerate(frame.columns))
     above = Markup("<thead><tr>{}</tr></thead>\n").format(head) if any(frame.columns) else ""
     kinds = ' tabindex="0"><table class="sortable">' if sortable else "><table>"
-    body = Markup("\n").join(lines)
-    return Markup('<div class="wide"{}\n{}<tbody>\n{}\n</tbody></table></div>').format(Markup(kinds), above, body)
+    body, note = Markup("\n").join(lines), Markup('<p class="note">{}</p>').format(typeset(frame.attrs["note"]))
+    drawn = Markup('<div class="wide"{}\n{}<tbody>\n{}\n</tbody></table></div>').format(Markup(kinds), above, body)
+    return drawn + note * bool(frame.attrs["note"])
 
 
 def typeset(text: str) -> Markup:
@@ -202,7 +205,8 @@ def _html(text: str) -> str:
 
 
 def _cell(text: str, bar: Markup, number: bool) -> Markup:
-    kind = Markup(' class="number"') if number else Markup(' class="lead"') if bar else ""
+    name = "number" if number else "lead" if bar else "words" if len(text) > _LONG and " " in text else ""
+    kind = Markup(' class="{}"').format(name) if name else ""
     if isinstance(text, Number):
         kind += Markup(' data-value="{}"').format(f"{text.value:.9g}" if text.value == text.value else "")
     return Markup("<td{}>{}{}</td>").format(kind, _html(text), bar)
