@@ -10,7 +10,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.film import measure_film
 from capsbayes.image.measure import silhouette_of
-from capsbayes.image.overlay import REAR, overlay
+from capsbayes.image.overlay import DOUBT, overlay
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
@@ -108,7 +108,7 @@ def test_a_measurement_says_that_its_walls_were_stated_and_that_they_are_off(tmp
     assert "walls" not in found.described()
 
 
-def test_stated_walls_are_dashed_in_the_overlay_and_lines_that_they_are_off_orange():
+def test_stated_walls_are_dashed_in_the_overlay_and_lines_that_they_are_off_yellow():
     picture = Picture.from_array(CAPSULE.picture)
 
     def drawn_over(first, last, **stated):
@@ -120,9 +120,9 @@ def test_stated_walls_are_dashed_in_the_overlay_and_lines_that_they_are_off_oran
 
     assert blue() > 0.95
     assert 0.4 < blue(walls="44.5, 154.5") < 0.8
-    orange = 0.3 * (REAR[2] - REAR[0])
-    assert np.count_nonzero(-drawn_over(43, 46, walls="38.5, 154.5") > orange) > 100
-    assert np.count_nonzero(-drawn_over(43, 46, walls="44.5, 154.5") > orange) == 0
+    yellow = 0.3 * (DOUBT[2] - DOUBT[0])
+    assert np.count_nonzero(-drawn_over(43, 46, walls="38.5, 154.5") > yellow) > 100
+    assert np.count_nonzero(-drawn_over(43, 46, walls="44.5, 154.5") > yellow) == 0
 
 
 TILTED = drawn(0.08, 1.05, half_width=55.0, tilt=0.02)

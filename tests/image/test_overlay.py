@@ -33,14 +33,14 @@ def test_lengths_lie_on_the_axis_and_above_and_the_rear_is_drawn_where_the_short
         rows, columns = places(canvas, colour)
         line = np.abs(rows - (axis - above)) < 3.0
         assert (columns[line].min(), columns[line].max()) == pytest.approx(sorted(ends), abs=8.0)
-        assert np.count_nonzero(~line) > 200  # its label
+        assert np.count_nonzero(~line) > 100  # its label
     rows, columns = places(canvas, REAR)
     assert np.ptp(rows) == pytest.approx(8.0 * detection.rear.breadth, abs=8.0)
     assert columns[np.abs(rows - axis) < 3.0].mean() == pytest.approx(rear, abs=4.0)
 
 
 def test_a_legend_names_each_colour_and_a_bar_is_as_long_as_it_says(detection):
-    for half_width, length in ((None, 50.0), (25e-6, 20e-6 / 25e-6 * detection.walls.half_width)):
+    for half_width, length in ((None, 20.0), (25e-6, 10e-6 / 25e-6 * detection.walls.half_width)):
         strip = overlay(PICTURE, detection, half_width)[ROWS:]
         assert strip.shape == (4 * LETTER, COLUMNS, 3)
         for colour in (WALL, OUTLINE, EXTENT, LENGTH, REAR):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -27,10 +26,11 @@ _SHIFT = 4  # binary digits of a drawn pixel's fractions
 _EVERY = 3  # pieces of an erased stretch: one is drawn
 _DASHES, _DOTS = (6.0, 4.0), (0.5, 5.0)  # px: drawn and left out
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
-_BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
-_BAR = 0.25  # of the picture's width, at most
-_LETTERS = 36  # in a line: on a phone they are 10 pixels high
-_LEAST_LETTER = 11  # px
+DOUBT = (0, 200, 255)
+_NAMES = {WALL: "wall", OUTLINE: "edge", EXTENT: "$L_z$", LENGTH: "$L_a$", REAR: "concave rear", DOUBT: "in doubt"}
+_IN_LINE = 3  # names of the legend
+_BAR = 0.15  # of the picture's width, at most
+_LETTERS, _LEAST_LETTER = 36, 11  # in a line, so that they are 10 px high on a phone; px
 
 
 def overlay(picture: Picture, detection: Detection, half_width: float | None = None) -> NDArray[np.uint8]:
@@ -38,33 +38,25 @@ def overlay(picture: Picture, detection: Detection, half_width: float | None = N
 
     Its bar is in micrometres where the half width [m] is given, else in pixels.
     """
-    # Stated walls are dashed and their axis dotted; a dark line that such a wall lies off is dashed orange. Erased
-    # stretches of the outline are dotted, the dark blob of a refused capsule is outlined in orange.
+    # Stated walls are dashed and their axis dotted; a dark line that such a wall lies off is dashed yellow. Erased
+    # stretches of the outline are dotted, the dark blob of a refused capsule is outlined in yellow.
     grey = _stretched(picture)
     scale = int(np.clip(math.isqrt(_MOST_DRAWN // grey.size), 1, _LARGEST_SCALE))
     large = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     canvas = _Canvas(np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), dtype=np.uint8), scale)
-    legend = {}
+    pixels, unit = 1.0, "px"
     if (walls := detection.walls) is not None:
-        legend["wall"] = WALL
         _walls(canvas, walls, picture.shape[1])
-        if any(walls.off_band):
-            legend["dark line"] = REAR
+        if half_width is not None:
+            pixels, unit = 1e-6 * walls.half_width / half_width, "µm"
     if detection.outline is not None:
-        legend["edge"] = OUTLINE
         _outline(canvas, detection.outline)
     elif detection.blob is not None:
-        legend["dark blob"] = REAR
-        canvas.line(list(detection.blob.polygon), REAR, closed=True)
-    if detection.nose is not None and detection.end is not None:
-        legend |= {"$L_z$": EXTENT} | ({} if detection.rear is None else {"$L_a$": LENGTH, "concave rear": REAR})
-        _lengths(canvas, detection, detection.nose.distance, detection.end.distance)
-    pixels, unit = 1.0, "px"
-    if walls is not None and half_width is not None:
-        pixels, unit = 1e-6 * walls.half_width / half_width, "µm"
+        canvas.line(list(detection.blob.polygon), DOUBT, closed=True)
+    if detection.nose is not None:
+        _lengths(canvas, detection, detection.nose.distance)
     length = round_length(_BAR * picture.shape[1] / pixels)
-    lines = [(name, colour, 2 * canvas.letter) for name, colour in legend.items()]
-    return canvas.above([*lines, (f"{length:g} {unit}", _BLACK, round(scale * length * pixels))])
+    return canvas.above_legend(f"{length:g} {unit}", round(scale * length * pixels))
 
 
 def round_length(most: float) -> float:
@@ -99,6 +91,7 @@ class _Canvas:
 
     pixels: NDArray[np.uint8]
     scale: int
+    used: set[Colour] = field(default_factory=set)
 
     @property
     def letter(self) -> int:
@@ -109,27 +102,18 @@ class _Canvas:
         drawn = self.scale * (np.array(points) + 0.5) - 0.5
         fixed = np.rint(drawn * 2**_SHIFT).astype(np.int32)  # OpenCV's numbers for fractions of a pixel
         cv2.polylines(self.pixels, [fixed], closed, colour, breadth, cv2.LINE_AA, _SHIFT)
+        self.used.add(colour)
 
-    def text(self, words: str, at: Floats, colour: Colour) -> None:
-        """Write words around a point of the picture."""
-        ink = _ink(words, self.letter)
-        column, row = np.rint(self.scale * (at + 0.5) - 0.5 * np.array(ink.shape[::-1])).astype(int)
-        _put(self.pixels, ink, row, column, colour)
-
-    def above(self, lines: list[tuple[str, Colour, int]]) -> NDArray[np.uint8]:
-        """Return the picture above a legend, of lines with names, colours and lengths."""
-        letter, width = self.letter, self.pixels.shape[1]
-        row, column, placed = letter, letter, []
-        for name, colour, length in lines:
-            ink = _ink(name, letter)
-            if column > letter and column + length + letter + ink.shape[1] > width:
-                row, column = row + 2 * letter, letter
-            placed.append((row, column, length, colour, ink))
-            column += length + 2 * letter + ink.shape[1]
-        strip = np.full((row + letter, width, 3), _WHITE, dtype=np.uint8)
-        for row, column, length, colour, ink in placed:
-            cv2.line(strip, (column, row), (column + length, row), colour, max(letter // 6, 1))
-            _put(strip, ink, row - ink.shape[0] // 2, column + length + letter // 2, _BLACK)
+    def above_legend(self, words: str, bar: int) -> NDArray[np.uint8]:
+        """Return the picture above the names of the colours that were used, and a bar with words."""
+        lines = [(name, colour, 2 * self.letter) for colour, name in _NAMES.items() if colour in self.used]
+        lines.append((words, (0, 0, 0), bar))
+        size, width = 2 * self.letter, self.pixels.shape[1]
+        strip = np.full((size * -(-len(lines) // _IN_LINE), width, 3), 255, dtype=np.uint8)
+        for number, (name, colour, length) in enumerate(lines):
+            row, column = number // _IN_LINE * size + size // 2, number % _IN_LINE * width // _IN_LINE + size // 4
+            cv2.line(strip, (column, row), (column + length, row), colour, max(size // 12, 1))
+            _write(strip, name, self.letter, (column + length + size // 4, row), (0, 0, 0))
         return np.vstack([self.pixels, strip])
 
     def arrow(self, start: Floats, stop: Floats, colour: Colour) -> None:
@@ -140,24 +124,15 @@ class _Canvas:
             self.line([end + sense * 3.0 * along + across, end, end + sense * 3.0 * along - across], colour)
 
 
-@lru_cache
-def _ink(words: str, height: int) -> NDArray[np.uint8]:
-    """Return words, with symbols between dollar signs, as in figures : (rows, columns) array, 255 where ink is."""
+def _write(pixels: NDArray[np.uint8], words: str, letter: int, at: tuple[int, int], colour: Colour) -> None:
+    """Write words on white, with symbols between dollar signs as in figures, to the right of a column and row."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.mathtext import MathTextParser
 
-    return np.asarray(MathTextParser("agg").parse(words, dpi=72, prop=FontProperties(size=height)).image)
-
-
-def _put(pixels: NDArray[np.uint8], ink: NDArray[np.uint8], row: int, column: int, colour: Colour) -> None:
-    """Lay ink with a white rim on pixels, from a row and a column on, or as near as it fits."""
-    room = np.subtract(pixels.shape[:2], ink.shape)
-    row, column = (max(min(at, most), 0) for at, most in zip((row, column), room, strict=True))
-    part = pixels[row : row + ink.shape[0], column : column + ink.shape[1]]
-    ink = ink[: part.shape[0], : part.shape[1]]
-    for mask, shade in ((cv2.dilate(ink, np.ones((5, 5), dtype=np.uint8)), _WHITE), (ink, colour)):
-        weight = mask[..., None] / 255.0
-        part[:] = np.rint(weight * shade + (1.0 - weight) * part)
+    ink = np.asarray(MathTextParser("agg").parse(words, dpi=72, prop=FontProperties(size=letter)).image)
+    column, row = max(at[0], 0), max(at[1] - len(ink) // 2, 0)
+    part = pixels[row : row + len(ink), column : column + ink.shape[1]]
+    part[:] = 255 - np.rint(ink[: len(part), : part.shape[1], None] / 255.0 * np.subtract(255, colour))
 
 
 def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
@@ -168,7 +143,7 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     lines = [(-wall, dash, gap, WALL), (wall, dash, gap, WALL), *([(0.0, *_DOTS, WALL)] if walls.stated else [])]
     for side, off in zip((-1.0, 1.0), walls.off_band, strict=True):
         if off:
-            lines.append((side * (wall - off), *_DASHES, REAR))
+            lines.append((side * (wall - off), *_DASHES, DOUBT))
     for place, drawn, skipped, colour in lines:
         start = walls.middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
@@ -186,17 +161,19 @@ def _outline(canvas: _Canvas, outline: EdgeOutline) -> None:
             canvas.line(list(points[part]), OUTLINE)
 
 
-def _lengths(canvas: _Canvas, detection: Detection, nose: float, end: float) -> None:
-    """Draw L_z above the axis, the rear, and L_a on the axis from there; the distances are those of the ends."""
-    walls, axis = detection.located()[0], detection.axis
-    downstream, aside = (detection.flow or 1) * walls.along, 6.0 * walls.across
-    beside = canvas.letter / canvas.scale * walls.across
-    tip, extent, length = axis + nose * downstream, detection.lengths[0], detection.lengths[1]
-    canvas.arrow(tip - extent * downstream - aside, tip - aside, EXTENT)
-    canvas.text(
-        rf"$L_z = {extent / walls.half_width:.3f}\,\ell$", tip - 0.5 * extent * downstream - aside - beside, EXTENT
-    )
-    if detection.rear is not None and (line := detection.rear_line()) is not None:
+def _lengths(canvas: _Canvas, detection: Detection, nose: float) -> None:
+    """Draw L_z above the axis, L_a on it, and the rear where it ends; the nose is at a distance along the flow."""
+    walls, letter = detection.located()[0], canvas.letter
+    downstream = (detection.flow or 1) * walls.along
+    tip = detection.axis + nose * downstream
+    if (line := detection.rear_line()) is not None:
         canvas.line(list(line), REAR, breadth=canvas.scale)
-        canvas.arrow(tip - length * downstream, tip, LENGTH)
-        canvas.text(rf"$L_a = {length / walls.half_width:.3f}\,\ell$", tip - 0.5 * length * downstream + beside, LENGTH)
+    over = detection.lengths / walls.half_width
+    for name, ratio, colour, aside, side in (("z", over[0], EXTENT, 6.0, -1), ("a", over[1], LENGTH, 0.0, 1)):
+        if np.isfinite(ratio):
+            stop = tip - aside * walls.across
+            start = stop - ratio * walls.half_width * downstream
+            canvas.arrow(start, stop, colour)
+            column, row = np.rint(canvas.scale * 0.5 * (start + stop)).astype(int)
+            at = column - 3 * letter, row + side * letter
+            _write(canvas.pixels, rf"$L_{name} = {ratio:.3f}\,\ell$", letter, at, colour)
