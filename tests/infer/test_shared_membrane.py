@@ -186,6 +186,10 @@ def test_a_law_is_named_only_if_no_error_of_the_model_could_decide_it(known, pro
     found = replace(known, laws=(general, skalak))
     assert law_words(found).startswith(words)
     assert f"{100.0 * over_errors[0]:.1f} to {100.0 * over_errors[1]:.1f} %" in law_table(found).to_string()
+    assert law_table(found)["probability"].iloc[0].endswith("%")  # of a law that is possible
+    assert ("ruled out" in law_table(found).to_string()) is (over_errors[0] > 0.95)
+    unknown = law_table(replace(found, laws=(replace(general, usable=False), skalak)))
+    assert list(unknown["probability"])[1] == "not known"
     assert found.as_dict()["laws"][1]["probability_over_model_errors"] == list(over_errors)
 
 

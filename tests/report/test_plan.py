@@ -132,7 +132,10 @@ def collections(figure):
 def test_every_moment_has_a_view_with_its_time(moment):
     figure = transient_figure([moment] * 3)
     assert [ax.get_title() for ax in figure.axes] == [rf"({letter})   $Ut/\ell = 0$" for letter in "abc"]
-    assert figure.axes[0].texts[-1].get_text() == r"$L_z/\ell = 1.60$,   $V/U = " + f"{moment.velocity_ratio:.2f}$"
+    assert (
+        figure.axes[0].texts[-1].get_text()
+        == r"$L_z/\ell = 1.60$,   $v_\mathrm{o}/U = " + f"{moment.velocity_ratio:.2f}$"
+    )
 
 
 def test_a_sphere_looks_round_lit_from_above_and_half_of_the_walls_is_behind_it(moment):

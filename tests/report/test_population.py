@@ -4,6 +4,7 @@ import base64
 import csv
 import io
 import re
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -25,6 +26,10 @@ def page():
     return population_page(population())
 
 
+def headline_of(page):
+    return plain(re.search(r'<p class="verdict">(.*?)</p>', page, re.S)[1])
+
+
 def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     rng = np.random.default_rng(5)
     count = 4000
@@ -44,6 +49,12 @@ def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     assert f"95 % [{low:.1f}, {high:.1f}]" in plain(page)
     assert "20 % of the capsules lean on the border of the model" in plain(page)
     assert "Do not use the intervals of the population" in plain(page)
+    assert headline_of(page).startswith("Median Gs = ")  # not the numbers that are not to be used
+    assert "Valid if the membrane of each capsule is one of those of the model manufactured" in headline_of(page)
+    passed = replace(hierarchy, gates=())
+    assert headline_of(population_page(passed.added_to(population()))).startswith("With the errors removed")
+    heavy = replace(passed, tail_p_values={"surface_shear_modulus": 1e-4})
+    assert headline_of(population_page(heavy.added_to(population()))).startswith("Median Gs = ")
 
 
 @pytest.mark.parametrize(("small", "said"), [(1, False), (3, True)])
@@ -129,7 +140,7 @@ def test_the_spread_is_said_with_its_interval_and_comes_first():
     spread = ModulusSpread(np.log([0.049, 0.05, 0.051]), [0.11, 0.12, 0.13])
     verdict = re.search(r'<p class="verdict">(.*?)<small>(.*?)</p>', population_page(population(), spread=spread), re.S)
     headline, below = plain(verdict[1]), plain(verdict[2])
-    assert re.search(r"errors removed, the median Gs is 50\.0 mN/m, 95 % \[49\.\d, 50\.9\]; .* by 12 %", headline)
+    assert re.search(r"errors removed, the median Gs .* is 50\.0 mN/m, 95 % \[49\.\d, 50\.9\], .* by 12 %", headline)
     assert re.search(r"Median Gs = .*, with the errors in them\.", below)
 
 

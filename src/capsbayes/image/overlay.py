@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -22,21 +23,25 @@ Colour = tuple[int, int, int]
 
 _LARGEST_SCALE = 4  # drawn pixels per pixel of the picture
 _MOST_DRAWN = 2**23  # pixels to which a picture is enlarged
+_LARGEST_SIDE = 2**17  # px, of a file
 _SHIFT = 4  # binary digits of a drawn pixel's fractions
 _EVERY = 3  # pieces of an erased stretch: one is drawn
 _DASHES, _DOTS = (6.0, 4.0), (0.5, 5.0)  # px: drawn and left out
 WALL, OUTLINE, REAR, EXTENT, LENGTH = (200, 120, 0), (0, 0, 220), (0, 150, 255), (180, 0, 140), (0, 140, 0)
-DOUBT = (0, 200, 255)
+DOUBT, PREDICTED = (0, 200, 255), (255, 180, 50)
 _NAMES = {WALL: "wall", OUTLINE: "edge", EXTENT: "$L_z$", LENGTH: "$L_a$", REAR: "concave rear", DOUBT: "in doubt"}
+_NAMES |= {PREDICTED: "predicted"}
 _IN_LINE = 3  # names of the legend
 _BAR = 0.15  # of the picture's width, at most
 _LETTERS, _LEAST_LETTER = 36, 11  # in a line, so that they are 10 px high on a phone; px
 
 
-def overlay(picture: Picture, detection: Detection, half_width: float | None = None) -> NDArray[np.uint8]:
+def overlay(
+    picture: Picture, detection: Detection, half_width: float | None = None, predicted: Floats | None = None
+) -> NDArray[np.uint8]:
     """Draw a detection over its picture, s times as large, above a legend : (rows, s columns, 3) array, as in OpenCV.
 
-    Its bar is in micrometres where the half width [m] is given, else in pixels.
+    Its bar is in micrometres where the half width [m] is given, else in pixels; an outline (p, 2) [px] is predicted.
     """
     # Stated walls are dashed and their axis dotted; a dark line that such a wall lies off is dashed yellow. Erased
     # stretches of the outline are dotted, the dark blob of a refused capsule is outlined in yellow.
@@ -49,6 +54,8 @@ def overlay(picture: Picture, detection: Detection, half_width: float | None = N
         _walls(canvas, walls, picture.shape[1])
         if half_width is not None:
             pixels, unit = 1e-6 * walls.half_width / half_width, "µm"
+    if predicted is not None:
+        canvas.line(list(predicted), PREDICTED, closed=True, breadth=scale)
     if detection.outline is not None:
         _outline(canvas, detection.outline)
     elif detection.blob is not None:
@@ -66,10 +73,14 @@ def round_length(most: float) -> float:
 
 
 def png_of(picture: Picture, *, widest: int) -> bytes:
-    """Return a picture alone as a PNG file, made smaller where a side is longer than `widest` pixels."""
-    grey = _stretched(picture)
-    scale = min(1.0, widest / max(grey.shape))
-    small = grey if scale == 1.0 else cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    """Return a picture alone as a PNG file; see `png`."""
+    return png(_stretched(picture), widest=widest)
+
+
+def png(pixels: NDArray[np.uint8], *, widest: int = _LARGEST_SIDE) -> bytes:
+    """Return pixels as a PNG file, made smaller where a side is longer than `widest` pixels."""
+    scale = min(1.0, widest / max(pixels.shape))
+    small = pixels if scale == 1.0 else cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".png", small)[1].tobytes()
 
 
@@ -81,8 +92,7 @@ def _stretched(picture: Picture) -> NDArray[np.uint8]:
 
 def write_overlay(path: Path, picture: Picture, detection: Detection, half_width: float | None = None) -> None:
     """Draw an overlay and write it as a PNG file."""
-    _, png = cv2.imencode(".png", overlay(picture, detection, half_width))
-    write_file(path, png.tobytes())
+    write_file(path, png(overlay(picture, detection, half_width)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +134,18 @@ class _Canvas:
             self.line([end + sense * 3.0 * along + across, end, end + sense * 3.0 * along - across], colour)
 
 
-def _write(pixels: NDArray[np.uint8], words: str, letter: int, at: tuple[int, int], colour: Colour) -> None:
-    """Write words on white, with symbols between dollar signs as in figures, to the right of a column and row."""
+@lru_cache
+def _ink(words: str, letter: int) -> NDArray[np.uint8]:
+    """Return words, with symbols between dollar signs as in figures : (rows, columns) array, 255 where ink is."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.mathtext import MathTextParser
 
-    ink = np.asarray(MathTextParser("agg").parse(words, dpi=72, prop=FontProperties(size=letter)).image)
+    return np.asarray(MathTextParser("agg").parse(words, dpi=72, prop=FontProperties(size=letter)).image)
+
+
+def _write(pixels: NDArray[np.uint8], words: str, letter: int, at: tuple[int, int], colour: Colour) -> None:
+    """Write words on white to the right of a column and row."""
+    ink = _ink(words, letter)
     column, row = max(at[0], 0), max(at[1] - len(ink) // 2, 0)
     part = pixels[row : row + len(ink), column : column + ink.shape[1]]
     part[:] = 255 - np.rint(ink[: len(part), : part.shape[1], None] / 255.0 * np.subtract(255, colour))

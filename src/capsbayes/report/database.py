@@ -428,10 +428,9 @@ def heat_maps(*studies: LeaveOneOut) -> Figure:
         largest = np.nanmax(np.concatenate([study.errors[:, column] for study in studies]))
         for ax, study in zip(axes[:, column], studies, strict=True):
             _draw_errors(ax, study, column, LogNorm(_SMALLEST, max(largest, 10 * _SMALLEST)))
-    for ax in axes[:, 0]:
-        ax.set_ylabel(r"$a/\ell$")
-    for ax in axes[-1]:
-        ax.set_xlabel(r"$Ca$")
+    for ax in axes.flat:
+        ax.set(xlabel=r"$\mathrm{Ca}$", ylabel=r"$a/\ell$")
+        ax.label_outer()
     return figure
 
 
@@ -446,8 +445,8 @@ def _draw_errors(ax: Axes, study: LeaveOneOut, column: int, norm: LogNorm) -> No
     stretch = study.stretch_ratio
     if stretch.min() < STRETCH_LIMIT < stretch.max():
         ax.tricontour(_triangles(ca, size), stretch, levels=[STRETCH_LIMIT], colors="black", linestyles="dashed")
-    symbol = ("Ca", "a/\\ell", "v_o/U")[column]
-    ax.set_title(rf"{study.method}: relative error of ${symbol}$", fontsize=10)
+    symbol = PARAMETERS[("capillary_number", "size_ratio", "velocity_ratio")[column]].latex
+    ax.set_title(f"{study.method}: relative error of ${symbol}$", fontsize=10)
     ax.figure.colorbar(drawn, ax=ax)
 
 

@@ -21,6 +21,7 @@ from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
 from capsbayes.status import Status
 
 _MODULUS = PARAMETERS["surface_shear_modulus"]
+_HASH = 40  # letters; a word with more is none of a sentence
 _MANY_LEANING = 0.05  # of the capsules on the border
 SHOWN = (
     *("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio"),
@@ -140,28 +141,12 @@ def _tail_words(name: str, stored: Mapping[str, Any]) -> str:
     )
 
 
-def distribution_headline(stored: Mapping[str, Any] | ModulusSpread) -> str:
-    """Return the median G_s of the capsules and how much they differ, with the errors removed."""
-    middle, spread, band = _distribution(stored)
-    return f"With the errors removed, the median G_s is {middle}; the capsules differ from it by {spread}{band}"
-
-
 def spread_words(stored: Mapping[str, Any] | ModulusSpread) -> str:
     """Say how much G_s differs from capsule to capsule, by ``Hierarchy.as_dict()`` or by a spread from elsewhere."""
-    middle, spread, band = _distribution(stored)
-    normal = isinstance(stored, ModulusSpread) or stored.get("tails", NORMAL) == NORMAL
-    width = "standard deviation of ln G_s" if normal else "half the width of the central 68.3 % of ln G_s"
-    return (
-        f"With the errors removed, the median G_s of the capsules is {middle}, and they differ from it by {spread} "
-        f"({width}{band})."
-    )
-
-
-def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, str]:
-    """Return the median G_s of the capsules with its 95 % interval, their spread, and the 95 % interval of that."""
     if isinstance(stored, ModulusSpread):
-        medians, spreads = stored.median, stored.relative
+        medians, spreads, tails = stored.median, stored.relative, NORMAL
     else:
+        tails = stored.get("tails", NORMAL)
         medians, spreads = (
             np.array([stored["quantities"][name][key] for key in ("median", "lower_95", "upper_95")])
             for name in (_MODULUS.name, "modulus_spread")
@@ -171,7 +156,17 @@ def _distribution(stored: Mapping[str, Any] | ModulusSpread) -> tuple[str, str, 
     known = f", 95 % [{', '.join(ends)}]" if high > low else ""
     spread, *sds = map(per_cent, spreads)
     band = f", 95 % [{', '.join(sds)}]" if spreads[2] > spreads[1] else ""
-    return f"{shown}{unit_of(_MODULUS)}{known}", spread, band
+    width = "standard deviation of ln G_s" if tails == NORMAL else "half the width of the central 68.3 % of ln G_s"
+    return (
+        f"With the errors removed, the median G_s of the capsules is {shown}{unit_of(_MODULUS)}{known}, and they "
+        f"differ from it by {spread} ({width}{band})."
+    )
+
+
+def usable(stored: Mapping[str, Any]) -> bool:
+    """Return whether the checks of a population passed, and its G_s has no heavier tails than those fitted."""
+    heavy = _MODULUS.name in stored.get("odd_tails", ()) and stored["tail_p_values"][_MODULUS.name] <= 0.5
+    return not heavy and all(gate["passed"] for gate in stored["gates"])
 
 
 def status_table(counts: Mapping[Status, int], what: str = "capsules") -> pd.DataFrame:
@@ -226,7 +221,9 @@ def origin_table(population: Population, source: str) -> pd.DataFrame:
     attributes = {name: value for name, value in population.attributes.items() if name != "hierarchy"}
     lines = [("file", source)] if source else []
     lines += flat(attributes)
-    return table(("", ""), [(name, Code(value) if _is_code(value) else value) for name, value in lines])
+    return table(
+        ("", ""), [(name, value if " " in value or len(value) <= _HASH else Code(value)) for name, value in lines]
+    )
 
 
 def _median(name: str, median: float, low: float, high: float) -> Number:
@@ -248,10 +245,6 @@ def _digits(name: str, median: float, low: float, high: float) -> int:
     """Decimals worth showing; three digits where no interval is known."""
     error = 0.5 * (high - low)
     return decimals(PARAMETERS[name].shown(error if np.isfinite(error) and error > 0.0 else 1e-3 * abs(median)))
-
-
-def _is_code(value: str) -> bool:
-    return len(value) > 40 and " " not in value.strip()
 
 
 def population_parts(population: Population) -> Iterator[str | pd.DataFrame]:

@@ -80,8 +80,8 @@ def membrane_words(model: str) -> str:
 
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
-    parts = (other_laws, _computation, _borders, _capsule, _coordinates)
-    return [sentence for part in parts for sentence in part(posterior)]
+    own = *_computation(posterior), *border_words(posterior.leaning), *_capsule(posterior), *_coordinates(posterior)
+    return [*other_laws(posterior), *own]
 
 
 def resimulation_words(posterior: Posterior) -> str:
@@ -167,10 +167,6 @@ def _computation(posterior: Posterior) -> Iterator[str]:
             yield gate.caveat
     if posterior.agreement is not None and not posterior.agreement.passed:
         yield f"Checked a second way, {posterior.agreement}."
-
-
-def _borders(posterior: Posterior) -> Iterator[str]:
-    yield from border_words(posterior.leaning)
 
 
 def border_words(leaning: Mapping[str, float]) -> Iterator[str]:

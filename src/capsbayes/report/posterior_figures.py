@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -16,31 +16,20 @@ from scipy.ndimage import gaussian_filter1d
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.files.input_file import PICTURES
+from capsbayes.image.detect import Detection
+from capsbayes.image.files import Picture
+from capsbayes.image.measure import detect
+from capsbayes.image.overlay import overlay, png, png_of
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
 from capsbayes.infer.posterior import DIFFERENCES, Resimulation
 from capsbayes.measurement import MID_PLANE, SILHOUETTE
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
+from capsbayes.report import style
 from capsbayes.report.numbers import two_digits, unit_of, value_words
 from capsbayes.report.page import image, page, picture
-from capsbayes.report.style import (
-    ACCENT,
-    FILL,
-    INK,
-    PALE,
-    WALL,
-    closed,
-    draw_walls,
-    framed,
-    legend_below,
-    new_figure,
-    second_scale,
-    without_l,
-)
-
-if TYPE_CHECKING:
-    from capsbayes.image.detect import Detection
+from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure
 
 SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
 
@@ -63,10 +52,8 @@ _CORNER = {
 _THICKNESS = 0.14  # of the walls, over l
 _DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
 _TOP = 1.8  # of the picture of the outline, over l
-_PREDICTED, _MEASURED = "#35b5ff", "#ff7a3d"
-_AROUND = 1.25  # of the photograph that is shown, either side of the axis, over l
-_BAR = 0.25  # of the photograph's width, at most
 _OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
+_WIDEST = 1200  # px, of a picture
 _WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
 
 
@@ -175,11 +162,11 @@ def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
     draw_walls(ax, ends, 1.0 + _THICKNESS, color=None, facecolor="#e6e6e6", edgecolor=WALL, hatch="////")
     for side in (-1.0, 1.0):
         ax.plot(ends, [side, side], color="#555555", linewidth=1.2)
-    ax.fill(*closed(outer).T, color=PALE, linewidth=0, label="95 % of the posterior", zorder=2)
-    ax.fill(*closed(inner).T, color="#f3f8fb", linewidth=0, zorder=2.1)
     seen = posterior.measurement.outline
     shown = "outline" if seen is None or seen.view == MID_PLANE else seen.view
     ax.plot(*closed(middle).T, color=INK, linewidth=1.6, label=f"predicted {shown}", zorder=3)
+    ax.fill(*closed(outer).T, color=PALE, linewidth=0, label="95 % of the posterior", zorder=2)
+    ax.fill(*closed(inner).T, color="#f3f8fb", linewidth=0, zorder=2.1)
     if seen is not None:
         measured, _ = aligned_with(seen.points, middle)
         ax.plot(*measured.T, ".", color=ACCENT, markersize=2.0, label="measured outline", zorder=4)
@@ -221,16 +208,13 @@ def _label_outline(ax: Axes, posterior: Posterior, ends: tuple[float, float]) ->
     ax.annotate("flow", (ends[1] - 0.1, -0.72), (ends[1] - 0.5, -0.72), arrowprops=arrow, **flow)
     ax.set(xlim=ends, ylim=(-1.0 - _THICKNESS, _TOP), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
     ax.set_yticks([-1.0, -0.5, 0.0, 0.5, 1.0])
-    second_scale(ax, micrometres).set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
+    style.second_scale(ax, micrometres).set_xlabel(rf"$z$ [µm], for $\ell$ = {micrometres:.3g} µm")
     framed(ax, ("right",))
     ca, size = posterior.marginals["capillary_number"], posterior.marginals["size_ratio"]
     text = rf"medians: $\mathrm{{Ca}} = {ca.median:.4f}$, $a/\ell = {size.median:.3f}$"
     ax.text(ends[0] + 0.05, _TOP - 0.05, text, va="top")
-    handles, labels = ax.get_legend_handles_labels()
-    order = [1, 0, *range(2, len(handles))]  # the line before its band
-    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.1), "ncols": 2}
-    gaps = {"columnspacing": 1.0, "handlelength": 1.2}
-    ax.legend([handles[k] for k in order], [labels[k] for k in order], frameon=False, **place, **gaps)
+    look: dict[str, Any] = {"ncols": 2, "columnspacing": 1.0, "handlelength": 1.2, "frameon": False}
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), **look)
 
 
 def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
@@ -251,55 +235,11 @@ def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
         numbers.fill_between([place - 0.4, place + 0.4], -reach, reach, color=FILL, linewidth=0)
         numbers.plot(place + np.linspace(-0.25, 0.25, len(column)), 1e3 * column, ".", color=INK, markersize=4)
         numbers.hlines(1e3 * column.mean(), place - 0.4, place + 0.4, colors=ACCENT, linewidth=1.6)
-    numbers.set_xticks(range(len(DIFFERENCES)), [f"${without_l(name)}$" for name in DIFFERENCES])
+    numbers.set_xticks(range(len(DIFFERENCES)), [f"${style.without_l(name)}$" for name in DIFFERENCES])
     for ax in (framed(along), framed(numbers)):
         ax.axhline(0.0, color=WALL, linewidth=0.8, zorder=0.5)
-    legend_below(figure, along, 3)
+    style.legend_below(figure, along, 3)
     return figure
-
-
-def picture_figure(posterior: Posterior, picture: str | Path, *, width: float = 7.4) -> Figure | None:
-    """Draw the predicted outline over the picture that the capsule was measured in, at a width in inches.
-
-    Walls and capsule are found in the picture again; the predicted nose is laid on the measured nose. Returns None if
-    no single capsule between two walls is found, or the model predicts no outlines.
-    """
-    from capsbayes.image.files import Picture
-    from capsbayes.image.measure import detect
-
-    seen = Picture.read(picture)
-    detection = detect(seen)
-    walls = detection.walls
-    if posterior.outlines is None or not detection.status.ok or walls is None or detection.outline is None:
-        return None
-    rows, columns = seen.shape
-    top = max(walls.centre_row - _AROUND * walls.half_width, 0.0)
-    bottom = min(walls.centre_row + _AROUND * walls.half_width, rows - 1.0)
-    figure, ax = _photograph_alone(seen.grey, width, width * (bottom - top) / columns, 0.4)
-    predicted = on_picture(band(posterior.outlines)[0], detection)
-    ax.plot(*closed(predicted).T, color=_PREDICTED, linewidth=3.2, alpha=0.75, label="predicted outline")
-    ax.plot(*closed(detection.outline.points).T, color=_MEASURED, linewidth=0.9, label="measured edge")
-    _draw_bar(ax, walls.half_width / posterior.inputs.half_width.value, columns, bottom)
-    ax.set(xlim=(-0.5, columns - 0.5), ylim=(bottom, top))
-    figure.legend(loc="lower center", ncols=2, frameon=False, fontsize=10)
-    return figure
-
-
-def bare_figure(picture: str | Path, *, width: float = 7.4) -> Figure:
-    """Draw a picture alone, in grey, at a width in inches."""
-    from capsbayes.image.files import Picture
-
-    grey = Picture.read(picture).grey
-    return _photograph_alone(grey, width, width * grey.shape[0] / grey.shape[1])[0]
-
-
-def _photograph_alone(grey: Floats, width: float, height: float, below: float = 0.0) -> tuple[Figure, Axes]:
-    """A figure that a grey picture fills, but for a margin below; all in inches."""
-    figure = new_figure(width, height + below, layout=None)
-    ax = figure.add_axes((0.0, below / (height + below), 1.0, 1.0 - below / (height + below)))
-    ax.imshow(grey, cmap="gray", interpolation="nearest")
-    ax.set_axis_off()
-    return figure, ax
 
 
 def on_picture(outline: Floats, detection: Detection) -> Floats:
@@ -314,19 +254,6 @@ def on_picture(outline: Floats, detection: Detection) -> Floats:
     behind = outline[:, 0] - outline[:, 0].max()
     tip = detection.axis + nose.distance * downstream
     return np.asarray(tip + walls.half_width * (behind[:, None] * downstream + outline[:, 1:] * walls.across))
-
-
-def _draw_bar(ax: Axes, pixels: float, columns: int, bottom: float) -> None:
-    """A bar of a round length in the corner, dark around so that it shows on any picture; `pixels` make a metre."""
-    from capsbayes.image.overlay import round_length
-
-    size = round_length(_BAR * columns / pixels)
-    length = size * pixels
-    start, height = 0.03 * columns, bottom - 0.03 * columns
-    ax.plot([start, start + length], [height, height], color="black", linewidth=5.0, solid_capstyle="butt")
-    ax.plot([start, start + length], [height, height], color="white", linewidth=2.5, solid_capstyle="butt")
-    text = ax.text(start + 0.5 * length, height - 0.012 * columns, f"{1e6 * size:g} µm", color="white", ha="center")
-    text.set_bbox({"facecolor": "black", "alpha": 0.6, "pad": 1.5, "linewidth": 0})
 
 
 def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, folder: Path | None = None) -> str:
@@ -359,14 +286,18 @@ def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path |
     """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
     by_hand = posterior.measurement.walls  # others would be found in the picture again
     known = _measured_in(posterior) if capsule is None else Path(capsule)
-    figure = None if known is None or by_hand else picture_figure(posterior, known, width=_WIDTH)
-    if known is not None and figure is not None:
-        caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
-        alternative = "picture of the capsule with measured and predicted outline"
-        yield picture(figure, alternative, caption, png=True)
-    elif capsule is not None and not by_hand:
+    if known is not None and not by_hand:
+        seen = Picture.read(known)
+        detection = detect(seen)
+        if detection.status.ok and posterior.outlines is not None:
+            predicted = on_picture(band(posterior.outlines)[0], detection)
+            drawn = png(overlay(seen, detection, posterior.inputs.half_width.value, predicted), widest=_WIDEST)
+            caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
+            yield image(drawn, "png", "picture of the capsule with measured and predicted outline", caption)
+            return
+    if capsule is not None and not by_hand:
         caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
-        yield picture(bare_figure(capsule, width=_WIDTH), "picture of the capsule", caption, png=True)
+        yield image(png_of(Picture.read(capsule), widest=_WIDEST), "png", "picture of the capsule", caption)
     else:
         source = posterior.measurement.source
         for place in (folder, Path(source).parent if source else None):

@@ -13,6 +13,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from scipy.spatial import ConvexHull
 
 from capsbayes.arrays import Floats
+from capsbayes.parameters import PARAMETERS
 from capsbayes.physics.surface import facets
 from capsbayes.report.style import ACCENT, FILL, INK, WALL, closed, draw_walls, new_figure
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 
 _MEMBRANE, _PLASTER, _EDGE = np.array([0.36, 0.65, 0.83]), np.array([0.91, 0.91, 0.90]), "#6e6e6e"
+_VELOCITY = PARAMETERS["velocity_ratio"].latex
 _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)
 _LIGHT = np.array([-0.42, 0.60, 0.68])  # right, up, towards the eye
 _CORNER = 0.94  # cosine between two neighbouring pieces of wall, below which the channel has an edge there
@@ -43,7 +45,7 @@ def _draw_shape(ax: Axes, state: SteadyState) -> None:
         ax.text((start + nose) / 2, y + 0.04, f"${name}/\\ell = {value:.3f}$", ha="center", va="bottom")
     ax.set(xlim=ends, ylim=(-1.2, 1.55), aspect="equal", xlabel=r"$z/\ell$", ylabel=r"$y/\ell$")
     numbers = f"Ca = {state.capillary_number:g}, $a/\\ell$ = {state.size_ratio:g}"
-    ax.set_title(f"{numbers}, $v_o/U$ = {state.velocity_ratio:.3f}")
+    ax.set_title(f"{numbers}, ${_VELOCITY}$ = {state.velocity_ratio:.3f}")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
 
 
@@ -95,7 +97,7 @@ def _draw_view(ax: Axes, snapshot: Snapshot, reach: float) -> None:
     start, end = np.array([[0.0, -1.0, 0.35 - reach], [0.0, -1.0, 1.05 - reach]]) @ camera.T[:, :2]
     style = {"arrowstyle": "-|>", "color": _EDGE, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", end, start, arrowprops=style, zorder=_BEHIND)
-    text = rf"$L_z/\ell = {snapshot.profile.axial_extent:.2f}$,   $V/U = {snapshot.velocity_ratio:.2f}$"
+    text = rf"$L_z/\ell = {snapshot.profile.axial_extent:.2f}$,   ${_VELOCITY} = {snapshot.velocity_ratio:.2f}$"
     ax.text(0.5, -0.01, text, transform=ax.transAxes, ha="center", va="top", fontsize=11)
 
 

@@ -18,19 +18,9 @@ from capsbayes.diagnosis.scores import REGIONS, region_displacements
 from capsbayes.parameters import PARAMETERS
 from capsbayes.profile import arc_share
 from capsbayes.report import study as texts
+from capsbayes.report import style
 from capsbayes.report.page import page
-from capsbayes.report.style import (
-    ACCENT,
-    INK,
-    PALE,
-    WALL,
-    closed,
-    draw_walls,
-    framed,
-    new_figure,
-    new_plot,
-    plain_numbers,
-)
+from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, framed, new_figure, new_plot
 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
@@ -62,10 +52,10 @@ def moduli(verification: Verification) -> Figure:
     for compared, (when, colour, shift, marker, face) in zip(verification.comparisons, styles, strict=True):
         values, errors = (_MODULUS.scale * each[order] for each in (compared.modulus, compared.modulus_error))
         median = _MODULUS.shown(compared.median_modulus)
-        style = {"fmt": marker, "color": colour, "markerfacecolor": face, "markersize": 5, "elinewidth": 1.0}
+        look = {"fmt": marker, "color": colour, "markerfacecolor": face, "markersize": 5, "elinewidth": 1.0}
         label = f"{when}, median {median:.1f} {_MODULUS.shown_unit}"
         ax.axhline(median, color=colour, linewidth=1.0, linestyle="--")
-        ax.errorbar(places + shift, values, errors, label=label, **style)  # type: ignore[arg-type]
+        ax.errorbar(places + shift, values, errors, label=label, **look)  # type: ignore[arg-type]
     ax.set(xlabel="capsule, in the order of $G_\\mathrm{s}$ before", ylabel=_MODULUS.axis_label)
     ax.set_xlim(0.4, len(order) + 0.6)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -85,7 +75,7 @@ def misfits(compared: Comparison) -> Figure | None:
     shown = ax.scatter(ca[known], size[known], s=60, edgecolors=INK, linewidths=0.6, **colours)
     ax.plot(ca[ill], size[ill], "x", color=INK, markersize=10)
     ax.set_xscale("log")
-    plain_numbers(ax.xaxis)
+    style.plain_numbers(ax.xaxis)
     ax.set(xlabel=PARAMETERS["capillary_number"].axis_label, ylabel=_SIZE.axis_label)
     figure.colorbar(shown, ax=ax, label="misfit over degrees of freedom")
     return figure
@@ -163,7 +153,7 @@ def _places(outline: Floats) -> dict[str, int]:
 
 def _name_regions(ax: Axes, outline: Floats, finding: Finding) -> None:
     words = {deviation.name: texts.deviation_words(deviation) for deviation in finding.deviations}
-    style = {
+    look = {
         "arrowprops": {"arrowstyle": "-", "color": "#444444", "linewidth": 0.8},
         "bbox": {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "#bbbbbb", "linewidth": 0.6},
     }
@@ -172,7 +162,7 @@ def _name_regions(ax: Axes, outline: Floats, finding: Finding) -> None:
             share, height = _LABELS[name]
             at = ax.get_xlim()[0] + share * np.ptp(ax.get_xlim()), height
             said = words[name].replace(" (", "\n(")
-            ax.annotate(f"{name}\n{said}", outline[place], at, ha="center", va="center", **style)  # type: ignore[arg-type]
+            ax.annotate(f"{name}\n{said}", outline[place], at, ha="center", va="center", **look)  # type: ignore[arg-type]
 
 
 def _unroll(ax: Axes, along: AlongOutline) -> None:
@@ -223,7 +213,7 @@ def held_out(verification: Verification) -> Figure:
 def _mean(ax: Axes, verification: Verification) -> None:
     """Mean over all capsules, in which the noise is small."""
     ax.axhline(0.0, color=WALL, linewidth=0.8)
-    for compared, colour, style, when in zip(
+    for compared, colour, dashes, when in zip(
         verification.comparisons, (ACCENT, INK), ("--", "-"), ("before", "after"), strict=True
     ):
         along = compared.along_outline
@@ -231,7 +221,7 @@ def _mean(ax: Axes, verification: Verification) -> None:
             share = arc_share(along.outline)
             mean, error = 1e6 * along.displacement, 1e6 * along.error
             ax.fill_between(share, mean - error, mean + error, color=colour, alpha=0.2, linewidth=0)
-            ax.plot(share, mean, style, color=colour, label=f"{when}, mean of all capsules ± standard error")
+            ax.plot(share, mean, dashes, color=colour, label=f"{when}, mean of all capsules ± standard error")
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]", ylabel="mean residual [µm]")
     ax.margins(y=0.25)
     ax.legend(frameon=False, ncols=2, loc="upper center")
@@ -240,11 +230,11 @@ def _mean(ax: Axes, verification: Verification) -> None:
 def _predictions(ax: Axes, before: Comparison, after: Comparison, row: int) -> None:
     points = after.edges[row][0]
     former = _moved(before.outlines[row], before.edges[row][0], points)
-    for outline, colour, style, label in (
+    for outline, colour, dashes, label in (
         (former, ACCENT, "--", "predicted before"),
         (after.outlines[row], INK, "-", "predicted after"),
     ):
-        ax.plot(*closed(outline).T, style, color=colour, linewidth=1.3, label=label)
+        ax.plot(*closed(outline).T, dashes, color=colour, linewidth=1.3, label=label)
     ax.plot(*points.T, ".", color="#222222", markersize=3.5, label="measured edge")
     velocity = 1e3 * after.session.measurements[row].capsule_velocity
     ax.set_title(f"$a/\\ell$ = {after.fits.size[row]:.2f}, $v_\\mathrm{{o}}$ = {velocity:.2f} mm/s", fontsize=10)
@@ -257,12 +247,12 @@ def _distances(ax: Axes, before: Comparison, after: Comparison, row: int) -> Non
     assert edge is not None, "chosen for it"
     noise = width * edge.noise.scale
     ax.axhline(0.0, color=WALL, linewidth=0.8)
-    for compared, colour, style in ((before, ACCENT, "--"), (after, INK, "-")):
+    for compared, colour, dashes in ((before, ACCENT, "--"), (after, INK, "-")):
         feet = compared.edges[row][1]
         outline = compared.outlines[row]
         share = np.interp(feet.place, np.arange(len(outline) + 1), np.append(arc_share(outline), 100.0))
         order = np.argsort(share)
-        ax.plot(share[order], width * feet.distance[order], style, color=colour, linewidth=1.3)
+        ax.plot(share[order], width * feet.distance[order], dashes, color=colour, linewidth=1.3)
     ax.axhspan(-noise, noise, color="#dddddd", alpha=0.6, linewidth=0, zorder=0, label="± stated noise")
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]")
 
