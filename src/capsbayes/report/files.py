@@ -27,7 +27,7 @@ def posterior_files(posterior: Posterior) -> dict[str, Writer]:
         "corner.png": figure_file(lambda: _figures().corner_of_all(posterior), dpi=110),
     }
     if posterior.outlines is not None:
-        files["outline.png"] = figure_file(lambda: _figures().outline_figure(posterior))
+        files["outline.png"] = figure_file(lambda: _figures().outline_figure(posterior), dpi=200)
     if posterior.resimulation is not None:
         files["simulator.png"] = figure_file(lambda: _figures().resimulation_figure(posterior.resimulation))
     return files

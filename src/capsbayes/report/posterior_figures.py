@@ -29,7 +29,7 @@ from capsbayes.report import posterior as texts
 from capsbayes.report import style
 from capsbayes.report.numbers import two_digits, unit_of, value_words
 from capsbayes.report.page import image, page, picture
-from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure
+from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL, closed, draw_walls, framed, new_figure, new_plot
 
 SHOWN = ("surface_shear_modulus", "capsule_radius", "mean_velocity", "capillary_number", "size_ratio")
 
@@ -136,15 +136,9 @@ def _title(parameter: Parameter, marginal: Marginal) -> str:
 
 
 def outline_figure(posterior: Posterior, *, width: float = _WIDTH) -> Figure:
-    """Draw `outline_plot` alone on a figure of a width [inch] that fits it."""
-    left, right, bottom, top = 0.7, 0.15, 1.1, 0.65
-    figure = new_figure(width, width, layout=None)
-    ax = outline_plot(posterior, figure.add_axes((0.1, 0.1, 0.8, 0.8)))
-    wide = width - left - right
-    high = wide * np.ptp(ax.get_ylim()) / np.ptp(ax.get_xlim())
-    height = high + bottom + top
-    figure.set_size_inches(width, height)
-    ax.set_position((left / width, bottom / height, wide / width, high / height))
+    """Draw `outline_plot` alone on a figure of a width [inch]."""
+    figure, ax = new_plot(width, 1.06 * width)
+    outline_plot(posterior, ax)
     return figure
 
 
@@ -275,38 +269,28 @@ def capsule_pictures(
     posterior: Posterior, capsule: str | Path | None = None, folder: Path | None = None
 ) -> Iterator[Markup]:
     """Yield the pictures of a capsule; the folder is that of the ``overlay.png`` of its measurement."""
-    yield from _photograph(posterior, capsule, folder)
-    if posterior.outlines is not None:
-        caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
-        alternative = "predicted outline and measured lengths in the channel"
-        yield picture(outline_figure(posterior), alternative, caption)
-
-
-def _photograph(posterior: Posterior, capsule: str | Path | None, folder: Path | None) -> Iterator[Markup]:
-    """The predicted outline over the picture; where that cannot be drawn, what was drawn when it was measured."""
-    by_hand = posterior.measurement.walls  # others would be found in the picture again
-    known = _measured_in(posterior) if capsule is None else Path(capsule)
-    if known is not None and not by_hand:
-        seen = Picture.read(known)
-        detection = detect(seen)
-        if detection.status.ok and posterior.outlines is not None:
-            predicted = on_picture(band(posterior.outlines)[0], detection)
-            drawn = png(overlay(seen, detection, posterior.inputs.half_width.value, predicted), widest=_WIDEST)
-            caption = f"{known.name}: the measured edge, and the predicted outline laid nose on nose."
-            yield image(drawn, "png", "picture of the capsule with measured and predicted outline", caption)
-            return
-    if capsule is not None and not by_hand:
-        caption = f"{Path(capsule).name}: no single capsule between two walls was found in it again."
-        yield image(png_of(Picture.read(capsule), widest=_WIDEST), "png", "picture of the capsule", caption)
+    known, measured = _measured_in(posterior) if capsule is None else Path(capsule), posterior.measurement
+    predicted = None if posterior.outlines is None else band(posterior.outlines)[0]
+    what = "picture of the capsule with what was found in it"
+    # in a picture with stated walls, others would be found
+    seen, name = (None, "") if known is None or measured.walls else (Picture.read(known), known.name)
+    if seen is not None and (detection := detect(seen)).status.ok:
+        laid = None if predicted is None else on_picture(predicted, detection)
+        drawn = png(overlay(seen, detection, posterior.inputs.half_width.value, laid), widest=_WIDEST)
+        caption = ": the measured edge" + ", and the predicted outline laid nose on nose" * (laid is not None)
+        yield image(drawn, "png", what, f"{name}{caption}.")
+    elif seen is not None and capsule is not None:
+        caption = f"{name}: no single capsule between two walls was found in it again."
+        yield image(png_of(seen, widest=_WIDEST), "png", "picture of the capsule", caption)
     else:
-        source = posterior.measurement.source
-        for place in (folder, Path(source).parent if source else None):
-            if place is not None and (place / _OVERLAY).is_file():
-                caption = "What was found in the picture."
-                caption += " Dashed walls and a dotted axis were stated by hand." * bool(by_hand)
-                alternative = "picture of the capsule with what was found in it"
-                yield image((place / _OVERLAY).read_bytes(), "png", alternative, caption)
-                return
+        places = (folder, Path(measured.source).parent if measured.source else None)
+        for place in [place for place in places if place is not None and (place / _OVERLAY).is_file()][:1]:
+            caption = "What was found in the picture."
+            caption += " Dashed walls and a dotted axis were stated by hand." * bool(measured.walls)
+            yield image((place / _OVERLAY).read_bytes(), "png", what, caption)
+    if predicted is not None:
+        caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
+        yield picture(outline_figure(posterior), "predicted outline and measured lengths in the channel", caption)
 
 
 def _measured_in(posterior: Posterior) -> Path | None:
