@@ -23,7 +23,6 @@ Colour = tuple[int, int, int]
 
 _LARGEST_SCALE = 4  # drawn pixels per pixel of the picture
 _MOST_DRAWN = 2**23  # pixels to which a picture is enlarged
-_LARGEST_SIDE = 2**17  # px, of a file
 _SHIFT = 4  # binary digits of a drawn pixel's fractions
 _EVERY = 3  # pieces of an erased stretch: one is drawn
 _DASHES, _DOTS = (6.0, 4.0), (0.5, 5.0)  # px: drawn and left out
@@ -77,7 +76,7 @@ def png_of(picture: Picture, *, widest: int) -> bytes:
     return png(_stretched(picture), widest=widest)
 
 
-def png(pixels: NDArray[np.uint8], *, widest: int = _LARGEST_SIDE) -> bytes:
+def png(pixels: NDArray[np.uint8], *, widest: int = 2 * _MOST_DRAWN) -> bytes:
     """Return pixels as a PNG file, made smaller where a side is longer than `widest` pixels."""
     scale = min(1.0, widest / max(pixels.shape))
     small = pixels if scale == 1.0 else cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -328,9 +328,8 @@ def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_mo
     for text in labels:
         text.set_visible(inside.contains_point(text.get_position()))
     _frame_map(ax, clip)
-    _draw_scale(
-        figure, areas, ax, f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]", levels
-    )
+    label = f"half of the 68 % interval of ${PARAMETERS[quantity].latex}$ over its median [%]"
+    figure.colorbar(areas, ax=ax, label=label, ticks=levels, format="{x:g}")
     words = "leans on the border of the database: cut there, not measured"
     marks: list[Any] = [Patch(facecolor="none", hatch="////", label=words)]
     if two_shapes.any():
@@ -354,7 +353,8 @@ def membrane_map_figure(widths: xr.Dataset) -> Figure:
         ax.set_title(f"{MEASURED[kind]}, membrane {known}", fontsize=10)
     for ax in axes.flat:
         ax.label_outer()
-    _draw_scale(figure, areas, axes, f"standard deviation of $\\ln {_MODULUS.latex}$ [%]", levels)
+    label = f"standard deviation of $\\ln {_MODULUS.latex}$ [%]"
+    figure.colorbar(areas, ax=axes, label=label, ticks=levels, format="{x:g}")
     return figure
 
 
@@ -383,10 +383,6 @@ def _frame_map(ax: Axes, border: Polygon) -> None:
     margin = 0.03 * (top - bottom)
     ax.set(xlim=(0.93 * left, 1.07 * right), ylim=(bottom - margin, top + margin))
     style.label_plane(ax, _TICKS)
-
-
-def _draw_scale(figure: Figure, areas: Any, axes: Any, label: str, levels: list[float]) -> None:
-    figure.colorbar(areas, ax=axes, label=label).set_ticks(levels, labels=[f"{level:g}" for level in levels])
 
 
 def _levels(shown: Floats) -> list[float]:

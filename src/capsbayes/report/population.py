@@ -16,7 +16,6 @@ from capsbayes.infer.selection import NORMAL
 from capsbayes.infer.verdict import PREDICTED
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import decimals, interval_words, per_cent, together, two_digits, unit_of
-from capsbayes.report.posterior import membrane_words
 from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
 from capsbayes.status import Status
 
@@ -49,12 +48,6 @@ def width_words(population: Population) -> str:
         return ""
     used = int(population.usable.sum())
     return f"Median of {used} capsules; the 95 % interval of a single capsule is typically ± {per_cent(half)}."
-
-
-def validity_words(population: Population) -> str:
-    """Say for which membranes the numbers are valid; empty if the model is not known."""
-    model = str(population.attributes.get("model", ""))
-    return f"Valid if the membrane of each capsule {membrane_words(model)}." if model else ""
 
 
 def status_words(population: Population) -> str:

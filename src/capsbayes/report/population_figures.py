@@ -16,6 +16,7 @@ from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
 from capsbayes.report.numbers import with_unit
 from capsbayes.report.page import page
+from capsbayes.report.posterior import membrane_words
 from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_plot, plain_numbers
 
 USABLE, OTHERS = "usable-capsules", "other-capsules"
@@ -134,6 +135,7 @@ def population_page(
         stored=stored,
         distribution=spread or stored or drawn,
         spread=drawn,
+        membrane=membrane_words(str(population.attributes.get("model", "that was used"))),
         most=rows,
         most_marks=_MOST_MARKS,
         source=source,

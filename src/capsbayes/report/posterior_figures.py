@@ -241,8 +241,7 @@ def on_picture(outline: Floats, detection: Detection) -> Floats:
 
     The detection has walls, outline and nose; the flow is towards rising z.
     """
-    walls, nose = detection.walls, detection.nose
-    assert walls is not None, "of a capsule that was measured"
+    walls, nose = detection.located()[0], detection.nose
     assert nose is not None, "of a capsule that was measured"
     downstream = (detection.flow or 1) * walls.along
     behind = outline[:, 0] - outline[:, 0].max()
