@@ -108,7 +108,7 @@ FAULTS: dict[str, Fault] = {
     "a spot of 7 px on the edge": spotted,
     "rows read one after the other, 4 px over l": read_by_rows,
     "the capsule askew by 2 degrees": askew,
-    "gamma of 2": of_light(lambda light, away: light**2),
+    "levels squared": of_light(lambda light, away: light**2),
     "vignetting, a third at 2 l": of_light(lambda light, away: light * (1.0 - away**2 / 12.0)),
     "one pixel in 100 black or white": salted,
 }

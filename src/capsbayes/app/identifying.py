@@ -84,7 +84,7 @@ def saved(folder: str, stated: Stated) -> list[str]:
         answer, here = _answer(folder, stated), Path()
         with together():
             if answer.seen is not None:
-                write_detection(here, *answer.seen, answer.measurement)
+                write_detection(here, *answer.seen, answer.measurement, answer.posterior.experiment)
             for name, write in posterior_files(answer.posterior).items():
                 write(here / name)
         posterior, source = opened(here)

@@ -45,6 +45,7 @@ class Stated:
     flow: str = ""
     contrast: str = ""
     rotate: str = ""
+    gamma: str = ""
     membrane: str = ""
     engine: str = "quadrature"
     flow_rate: str = ""
@@ -55,7 +56,7 @@ class Stated:
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
-        names = ("walls", "wall_error", "crop", "erase", "contrast", "rotate")
+        names = ("walls", "wall_error", "crop", "erase", "contrast", "rotate", "gamma")
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
     def commands(self, folder: Path) -> list[str]:

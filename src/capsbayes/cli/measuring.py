@@ -155,7 +155,7 @@ def measured_picture(
     if detection.status.ok and not (quiet or as_json):
         _print_detection(detection, measured, experiment)
     if out is not None:
-        write_detection(out, seen, detection, measured)
+        write_detection(out, seen, detection, measured, experiment)
     if as_json:
         print_json(_record(measured))
     elif not (quiet and measured.status.ok):
@@ -336,7 +336,7 @@ def _measure_film(
     if made.status.ok and not as_json:
         _print_film(made, table)
     if out is not None:
-        _write_film(made, table, out)
+        _write_film(made, table, out, experiment)
     good = sum(capsule.status.ok for capsule in made.capsules)
     if as_json:
         rows = json.loads(table.to_json(orient="records")) if made.status.ok else []
@@ -395,7 +395,7 @@ def _changes(row: pd.Series) -> list[str]:
 
 
 @together()
-def _write_film(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
+def _write_film(made: FilmMeasurement, table: pd.DataFrame, out: Path, known: cb.Experiment) -> None:
     """Write capsules.csv and a folder for each capsule: all of it or nothing."""
     from capsbayes.image.measure import write_detection
 
@@ -405,7 +405,7 @@ def _write_film(made: FilmMeasurement, table: pd.DataFrame, out: Path) -> None:
         if shown.picture is None or shown.detection is None:
             continue
         folder = out / f"capsule-{number}"
-        write_detection(folder, shown.picture, shown.detection, capsule.measurement)
+        write_detection(folder, shown.picture, shown.detection, capsule.measurement, known)
         table_file(capsule.table(), index=False, float_format="%.4f")(folder / "frames.csv")
 
 
@@ -432,7 +432,9 @@ def _measure_rtdc(
         for event in measure_rtdc(file, experiment, events=events, **how):
             rows.append(event.row())
             if out is not None:
-                write_detection(out / f"event-{event.number}", event.picture, event.detection, event.measurement)
+                write_detection(
+                    out / f"event-{event.number}", event.picture, event.detection, event.measurement, experiment
+                )
         return rows
 
     rows: list[dict[str, object]] = []

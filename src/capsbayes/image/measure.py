@@ -439,10 +439,12 @@ def check_flow(flow: str | None) -> int:
     return 0 if flow is None else FLOWS[flow]
 
 
-def write_detection(out: Path, picture: Picture, detection: Detection, measured: Measurement) -> None:
+def write_detection(
+    out: Path, picture: Picture, detection: Detection, measured: Measurement, known: Experiment
+) -> None:
     """Write the overlay, the outline and the measurement; of a refused capsule, what was detected of it."""
     with together():
-        write_overlay(out / "overlay.png", picture, detection)
+        write_overlay(out / "overlay.png", picture, detection, known.half_width.mean)
         if (outline := detection.outline) is not None:
             error = np.hypot(outline.point_error, outline.arc_error)
             columns = np.column_stack([outline.points, outline.normals, error, outline.edge_width])

@@ -94,8 +94,8 @@ def test_moduli_from_pictures_are_missed_where_the_page_says():
             if number <= 80 and min(row[way][f"{quantity} 95"] for quantity in picture_moduli.QUANTITIES) < least:
                 yield name
 
-    assert [*missed("silhouette")] == ["gamma of 2"]
-    assert {*missed("lengths")} == {"gamma of 2", "a spot of 7 px on the edge"}
+    assert [*missed("silhouette")] == ["levels squared"]
+    assert {*missed("lengths")} == {"levels squared", "a spot of 7 px on the edge"}
 
 
 def test_intervals_of_batches_hold_on_every_mesh():
