@@ -20,8 +20,9 @@ import numpy as np
 
 from capsbayes import Database, Experiment, Surrogate, identify
 from capsbayes.errors import InputError
+from capsbayes.image import ByHand
 from capsbayes.image.files import Picture
-from capsbayes.image.measure import detect, measurement_of
+from capsbayes.image.measure import detect, measurement_of, turned
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Quantity
 from evidence.benchmarks.camera import Camera, Floats, Grey, View
@@ -104,11 +105,13 @@ def _before(transmission: Floats, empty: Grey) -> tuple[Grey, Grey]:
     return np.clip(np.rint(transmission * empty), 0, 255).astype(np.uint8), empty
 
 
+SQUARED = "levels squared"
+STATED = {f"{SQUARED}, and stated": ByHand(gamma=0.5)}
 FAULTS: dict[str, Fault] = {
     "a spot of 7 px on the edge": spotted,
     "rows read one after the other, 4 px over l": read_by_rows,
     "the capsule askew by 2 degrees": askew,
-    "levels squared": of_light(lambda light, away: light**2),
+    **dict.fromkeys((SQUARED, *STATED), of_light(lambda light, away: light**2)),
     "vignetting, a third at 2 l": of_light(lambda light, away: light * (1.0 - away**2 / 12.0)),
     "one pixel in 100 black or white": salted,
 }
@@ -125,17 +128,22 @@ def rows(cases: Database, models: dict[str, Surrogate], number: int) -> dict[str
     case = int(np.argmin([np.ptp(profile - plain.view.capsules[0].profile) for profile in cases["profile"]]))
     ca, ratio = (float(cases[name][case]) for name in ("capillary_number", "velocity_ratio"))
     errors = np.random.default_rng([3, number])
-    return {name: answer(shot, ca, ratio, models, errors.standard_normal(2)) for name, shot in shots.items()}
+    return {
+        name: answer(shot, ca, ratio, models, errors.standard_normal(2), STATED.get(name))
+        for name, shot in sorted(shots.items(), key=lambda item: item[0] in STATED)
+    }
 
 
-def answer(shot: Taken, ca: float, ratio: float, models: dict[str, Surrogate], errors: Floats) -> dict[str, Any]:
+def answer(
+    shot: Taken, ca: float, ratio: float, models: dict[str, Surrogate], errors: Floats, by_hand: ByHand | None
+) -> dict[str, Any]:
     """Measure a picture of a capsule of known Ca and v_o/U and identify it by each way; return why not, if refused.
 
     `errors` are those of the viscosity and of the velocity, in standard errors.
     """
-    picture = Picture.from_array(shot.picture)
+    picture, empty, by_hand = turned(Picture.from_array(shot.picture), Picture.from_array(shot.empty), by_hand)
     try:
-        detection = detect(picture, background=Picture.from_array(shot.empty))
+        detection = detect(picture, background=empty, by_hand=by_hand)
     except InputError:
         return {"refused": "the empty channel"}
     modulus = (VISCOSITY.value + VISCOSITY.error * errors[0]) * FLOW / ca

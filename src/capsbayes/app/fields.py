@@ -70,7 +70,7 @@ def upload(label: str, kinds: Sequence[str], given: Callable[..., Any], mark: st
 
 def show_lines(text: str) -> None:
     """Show what is printed, or lines of a terminal, as they are."""
-    ui.html(f"<pre class='bench-commands' tabindex='0'>{html.escape(text)}</pre>", sanitize=False)
+    ui.html(f"<pre class='bench-commands' tabindex='0'>{html.escape(text)}</pre>", sanitize=False).classes("bench-wide")
 
 
 def show_commands(lines: Iterable[str], what: str) -> None:
@@ -104,7 +104,8 @@ class QuantityField:
     ) -> None:
         self._name = name
         with ui.row(wrap=False).classes("bench-quantity"):
-            self._value = ui.input(label, on_change=changed).props("dense outlined").classes("value")
+            self._value = ui.input(label, on_change=changed).classes("value")
+            self._value.props("dense outlined hide-bottom-space no-error-icon")
             ui.label("±").classes("sign")
             self._error = ui.input("error", on_change=changed).classes("error")
             self._error.props(f'dense outlined aria-label="{label}, error"')
@@ -127,7 +128,7 @@ class QuantityField:
             if self.text:
                 Quantity.of_text(self.text, self._name, where="", key="")
         except InputError as error:
-            self._wrong.text = page_words(str(error).removeprefix(": ").capitalize())
+            self._wrong.text = page_words(f"Expected {error.expected}, got {error.got}")
         self._value.props(add="error" if self._wrong.text else "", remove="" if self._wrong.text else "error")
 
     @property

@@ -88,8 +88,7 @@ class Stated:
         return f"""import os
 
 import capsbayes as cb
-from capsbayes.image import ByHand
-
+{"from capsbayes.image import ByHand" if by_hand else ""}
 os.chdir({str(folder)!r})
 {first}
 view = "mid-plane" if measurement.outline is None else measurement.outline.view
