@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
@@ -38,7 +38,7 @@ _MANY = 1e3  # odds beyond which no number is trusted: it would be that of the t
 
 def opening(study: Study) -> list[str]:
     """Return the sentences that a study begins with: verdict, probabilities, range of G_s, and what the data lack."""
-    further = (_rates, _limits, _probabilities, _session_modulus, _one_modulus, _noise, _outliers, _lacking)
+    further = (_rates, _limits, _probabilities, _modulus_found, _noise, _lacking)
     return [verdict_sentence(study), *(sentence for words in further for sentence in words(study))]
 
 
@@ -54,15 +54,13 @@ def verdict_sentence(study: Study) -> str:
         named = list(study.scores_of(study.in_question[0]))
         return f"{disagree} {_explanation(named)}: {'; '.join(map(size_words, named))}."
     if study.verdict is Verdict.AMBIGUOUS:
-        alike = [" with ".join(study.candidates[name].name for name in names) for names in study.in_question]
+        alike = [_together(study, names) for names in study.in_question]
         alike += [ALONE[UNKNOWN]] * study.something_else
         return f"{disagree} more than one explanation is possible: {_listed(alike)}."
     if not study.candidates:
         return f"{disagree} no effect was tried."
-    if study.names:
-        nearest = " with ".join(study.candidates[name].name for name in study.names)
-        return f"{disagree} nothing that was tried explains it; {nearest} comes nearest."
-    return f"{disagree} nothing that was tried explains it."
+    nearest = f"; {_together(study, study.names)} comes nearest" if study.names else ""
+    return f"{disagree} nothing that was tried explains it{nearest}."
 
 
 def _rates(study: Study) -> Iterator[str]:
@@ -95,18 +93,18 @@ def _probabilities(study: Study) -> Iterator[str]:
     known = study.probabilities
     if known:
         best = next((name for name in known if name not in ALONE), None)
-        words = [] if best is None else [f"{_together(study, best)} {probability_words(known[best])}"]
+        words = [] if best is None else [f"{_together(study, best.split(' and '))} {probability_words(known[best])}"]
         words += [f"{ALONE[other]} {probability_words(known[other])}" for other in (UNKNOWN, NOTHING)]
         yield f"Probabilities: {', '.join(words)}."
 
 
-def _together(study: Study, names: str) -> str:
+def _together(study: Study, names: Iterable[str], word: str = " with ") -> str:
     """Name the effects of an explanation, given by the names of their parameters."""
-    return " with ".join(study.candidates[name].name for name in names.split(" and "))
+    return word.join(study.candidates[name].name for name in names)
 
 
-def _session_modulus(study: Study) -> Iterator[str]:
-    """Say the median G_s of the session with its interval, where a capsule was compared."""
+def _modulus_found(study: Study) -> Iterator[str]:
+    """Say the median G_s of the session with its interval, and whether one G_s holds in all circumstances."""
     modulus = study.surface_shear_modulus
     if math.isfinite(modulus.median):
         median, low, high = (_MODULUS.shown(value) for value in (modulus.median, modulus.low, modulus.high))
@@ -115,16 +113,12 @@ def _session_modulus(study: Study) -> Iterator[str]:
                 "G_s is not known while what is missing is not: measure what would distinguish the explanations first. "
                 f"Until then its median may lie anywhere from {low:.3g} to {high:.3g}{unit_of(_MODULUS)} (95 %)."
             )
-            return
-        interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
-        yield (
-            f"Median G_s of the session: {interval}, averaged over all explanations, with the uncertainty of their "
-            "sizes and of the viscosity."
-        )
-
-
-def _one_modulus(study: Study) -> Iterator[str]:
-    """Say whether one G_s holds in all circumstances, as the model without effects has it."""
+        else:
+            interval = f"{median:.3g}{unit_of(_MODULUS)} (95 %: {low:.3g} to {high:.3g})"
+            yield (
+                f"Median G_s of the session: {interval}, averaged over all explanations, with the uncertainty of their "
+                "sizes and of the viscosity."
+            )
     p_value = study.finding.one_modulus
     if math.isfinite(p_value):
         varied = any(deviation.name == TRENDS["viscosity"] for deviation in study.finding.deviations)
@@ -146,16 +140,12 @@ def _noise(study: Study) -> Iterator[str]:
         )
 
 
-def _outliers(study: Study) -> Iterator[str]:
-    """Name the capsules that have no shape of the model."""
+def _lacking(study: Study) -> Iterator[str]:
+    """Name the capsules without a shape of the model; say what missing outlines cost, and what cannot be shown."""
     outliers = () if study.comparison is None else study.comparison.outliers
     if outliers:
         names = ", ".join(outliers)
         yield f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
-
-
-def _lacking(study: Study) -> Iterator[str]:
-    """Say what missing outlines cost, and which effects these data cannot show."""
     session = study.session
     without = sum(measured.outline is None for measured in session.measurements)
     if 0 < without < len(session):
@@ -219,7 +209,7 @@ def origin_words(study: Study) -> str:
 
 def likeliest_words(study: Study) -> str:
     """Name the effects that are likeliest."""
-    return " and ".join(study.candidates[name].name for name in study.in_question[0])
+    return _together(study, study.in_question[0], " and ")
 
 
 def size_words(scores: Scores, share: str = "68 %: ") -> str:
@@ -276,7 +266,8 @@ def explanation_table(study: Study, *, every: bool = True) -> tuple[pd.DataFrame
             scores = study.scores_of(tuple(name.split(" and ")))
             rows.append((_named(study, name), probability_words(probability), *_explained(scores)))
     rows += [(_named(study, name), "cannot be tested", *_explained((study.scores[name],))) for name in unseen if every]
-    rest = [] if every else [_together(study, name) for name in (*effects, *unseen) if name not in wanted]
+    further = () if every else (name.split(" and ") for name in (*effects, *unseen) if name not in wanted)
+    rest = [_together(study, names) for names in further]
     head = ("effect", "probability", "size (68 %)", Symbols(f"median G_s,{unit_of(_MODULUS)}"))
     title = "The likeliest of the explanations that were tried" if rest else "Explanations that were tried"
     return table(head, rows, title=title, numbers=(3,)), rest
@@ -290,12 +281,10 @@ def _explained(scores: tuple[Scores, ...]) -> tuple[str, str]:
 
 def meaning_table(study: Study) -> pd.DataFrame:
     """Return what each candidate does, and what would distinguish it from the others."""
-    effects = {name: scores.effect for name, scores in study.scores.items()}
-    names = {name: Strong(each.name) if name in study.names else each.name for name, each in effects.items()}
-    rows = [
-        (names[name], each.kind.value, Symbols(each.changes), Symbols(each.separated_by))
-        for name, each in effects.items()
-    ]
+    rows = []
+    for name, effect in ((name, scores.effect) for name, scores in study.scores.items()):
+        words = Strong(effect.name) if name in study.names else effect.name
+        rows.append((words, effect.kind.value, Symbols(effect.changes), Symbols(effect.separated_by)))
     head = ("effect", "kind", "what it changes", "what would distinguish it")
     return table(head, rows, title="What the effects change")
 
@@ -365,8 +354,8 @@ def _modulus(value: float) -> str:
 
 def _named(study: Study, names: str) -> str:
     """Name the effects of an explanation, in bold if it is in question."""
-    words = _together(study, names)
-    return Strong(words) if tuple(names.split(" and ")) in study.in_question else words
+    words = _together(study, parameters := tuple(names.split(" and ")))
+    return Strong(words) if parameters in study.in_question else words
 
 
 def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
