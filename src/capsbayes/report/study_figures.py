@@ -25,6 +25,7 @@ from capsbayes.report.style import ACCENT, INK, PALE, WALL, closed, draw_walls, 
 _MODULUS, _VELOCITY, _SIZE = (PARAMETERS[name] for name in ("surface_shear_modulus", "capsule_velocity", "size_ratio"))
 _OTHER = "#b8c4cb"  # candidates that are not in question
 _WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
+_LOOKS: Any = {"before": {"color": ACCENT, "linestyle": "--"}, "after": {"color": INK, "linestyle": "-"}}
 _COUNT = 3  # capsules that are shown one by one
 _LABELS = {"nose": (0.76, -1.5), "flanks": (0.76, 1.5), "rear rim": (0.24, 1.5), "rear on the axis": (0.24, -1.5)}
 """Place of the name of each region: share of the picture's width, and y over l."""
@@ -213,15 +214,13 @@ def held_out(verification: Verification) -> Figure:
 def _mean(ax: Axes, verification: Verification) -> None:
     """Mean over all capsules, in which the noise is small."""
     ax.axhline(0.0, color=WALL, linewidth=0.8)
-    for compared, colour, dashes, when in zip(
-        verification.comparisons, (ACCENT, INK), ("--", "-"), ("before", "after"), strict=True
-    ):
+    for compared, (when, look) in zip(verification.comparisons, _LOOKS.items(), strict=True):
         along = compared.along_outline
         if along is not None:
             share = arc_share(along.outline)
             mean, error = 1e6 * along.displacement, 1e6 * along.error
-            ax.fill_between(share, mean - error, mean + error, color=colour, alpha=0.2, linewidth=0)
-            ax.plot(share, mean, dashes, color=colour, label=f"{when}, mean of all capsules ± standard error")
+            ax.fill_between(share, mean - error, mean + error, color=look["color"], alpha=0.2, linewidth=0)
+            ax.plot(share, mean, label=f"{when}, mean of all capsules ± standard error", **look)
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]", ylabel="mean residual [µm]")
     ax.margins(y=0.25)
     ax.legend(frameon=False, ncols=2, loc="upper center")
@@ -230,11 +229,8 @@ def _mean(ax: Axes, verification: Verification) -> None:
 def _predictions(ax: Axes, before: Comparison, after: Comparison, row: int) -> None:
     points = after.edges[row][0]
     former = _moved(before.outlines[row], before.edges[row][0], points)
-    for outline, colour, dashes, label in (
-        (former, ACCENT, "--", "predicted before"),
-        (after.outlines[row], INK, "-", "predicted after"),
-    ):
-        ax.plot(*closed(outline).T, dashes, color=colour, linewidth=1.3, label=label)
+    for outline, (when, look) in zip((former, after.outlines[row]), _LOOKS.items(), strict=True):
+        ax.plot(*closed(outline).T, linewidth=1.3, label=f"predicted {when}", **look)
     ax.plot(*points.T, ".", color="#222222", markersize=3.5, label="measured edge")
     velocity = 1e3 * after.session.measurements[row].capsule_velocity
     ax.set_title(f"$a/\\ell$ = {after.fits.size[row]:.2f}, $v_\\mathrm{{o}}$ = {velocity:.2f} mm/s", fontsize=10)
@@ -247,12 +243,12 @@ def _distances(ax: Axes, before: Comparison, after: Comparison, row: int) -> Non
     assert edge is not None, "chosen for it"
     noise = width * edge.noise.scale
     ax.axhline(0.0, color=WALL, linewidth=0.8)
-    for compared, colour, dashes in ((before, ACCENT, "--"), (after, INK, "-")):
+    for compared, look in zip((before, after), _LOOKS.values(), strict=True):
         feet = compared.edges[row][1]
         outline = compared.outlines[row]
         share = np.interp(feet.place, np.arange(len(outline) + 1), np.append(arc_share(outline), 100.0))
         order = np.argsort(share)
-        ax.plot(share[order], width * feet.distance[order], dashes, color=colour, linewidth=1.3)
+        ax.plot(share[order], width * feet.distance[order], linewidth=1.3, **look)
     ax.axhspan(-noise, noise, color="#dddddd", alpha=0.6, linewidth=0, zorder=0, label="± stated noise")
     ax.set(xlim=(0.0, 100.0), xlabel="from the nose [% of the perimeter]")
 
