@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)
 _LIGHT = np.array([-0.42, 0.60, 0.68])  # right, up, towards the eye
 _CORNER = 0.94  # cosine between two neighbouring pieces of wall, below which the channel has an edge there
 _BEHIND, _CAPSULE, _BEFORE = 2.0, 3.0, 4.0
-_FAINT = (1.0, 0.5)  # an edge behind the capsule, and one before it
+_LOOKS: Any = ({"zorder": _BEHIND, "alpha": 1.0}, {"zorder": _BEFORE, "alpha": 0.5})  # of edges behind and before
 
 
 def _draw_shape(ax: Axes, state: SteadyState) -> None:
@@ -131,11 +131,9 @@ def _draw_channel(ax: Axes, edge: Floats, camera: Floats, reach: float) -> Float
     for point in np.flatnonzero((np.einsum("pi,pi->p", before, outward) < _CORNER) | (away != np.roll(away, 1))):
         nearest = not (away[point] or away[point - 1])
         line = np.stack([end[point, :2] for end in ends])
-        order, alpha = (_BEFORE if nearest else _BEHIND), _FAINT[nearest]
-        ax.plot(line[:, 0], line[:, 1], color=_EDGE, linewidth=0.8, zorder=order, alpha=alpha)
-    for end, nearest in zip(ends, (True, False), strict=True):
-        order, alpha = (_BEFORE if nearest else _BEHIND), _FAINT[nearest]
-        ax.fill(end[:, 0], end[:, 1], facecolor="none", edgecolor=_EDGE, linewidth=0.8, zorder=order, alpha=alpha)
+        ax.plot(line[:, 0], line[:, 1], color=_EDGE, linewidth=0.8, **_LOOKS[nearest])
+    for end, look in zip(ends, reversed(_LOOKS), strict=True):
+        ax.fill(end[:, 0], end[:, 1], facecolor="none", edgecolor=_EDGE, linewidth=0.8, **look)
     return np.concatenate(ends)[:, :2]
 
 
