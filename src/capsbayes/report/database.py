@@ -78,11 +78,9 @@ def contents_table(database: Database) -> pd.DataFrame:
         known, values = PARAMETERS.get(database.effect), ", ".join(f"{value:g}" for value in database.values)
         effect = database.effect.replace("_", " ") + (f", {known.meaning}" if known else "")
         effect += f": {values}; absent at {database.null_value:g}"
-    mesh_error = "not stated"
-    if "mesh_error" in attributes:
-        errors = json.loads(attributes["mesh_error"])
-        names = [name for name in ("axial_extent", "axial_length", "velocity_ratio") if name in errors]
-        mesh_error = ", ".join(f"{PARAMETERS[name].symbol} {100.0 * errors[name]:.2g} %" for name in names)
+    errors = json.loads(attributes.get("mesh_error", "{}"))
+    names = [name for name in _CHANGED if name in errors]
+    mesh_error = ", ".join(f"{PARAMETERS[name].symbol} {100.0 * errors[name]:.2g} %" for name in names)
     rows = [
         ("law of the membrane", str(attributes["law"])),
         ("cross-section of the channel", str(attributes["cross_section"])),
@@ -93,7 +91,7 @@ def contents_table(database: Database) -> pd.DataFrame:
         (Symbols("capillary number Ca"), _range(done["capillary_number"])),
         (Symbols("size ratio a/l"), f"{_range(done['size_ratio'])}, {len(np.unique(done['size_ratio']))} columns"),
         ("mesh", f"refinement {', '.join(map(str, np.unique(database['refinement'])))}"),
-        ("error of the mesh", Symbols(mesh_error)),
+        ("error of the mesh", Symbols(mesh_error or "not stated")),
     ]
     return table(("", ""), rows)
 
@@ -428,9 +426,6 @@ def heat_maps(*studies: LeaveOneOut) -> Figure:
         largest = np.nanmax(np.concatenate([study.errors[:, column] for study in studies]))
         for ax, study in zip(axes[:, column], studies, strict=True):
             _draw_errors(ax, study, column, LogNorm(_SMALLEST, max(largest, 10 * _SMALLEST)))
-    for ax in axes.flat:
-        ax.set(xlabel=r"$\mathrm{Ca}$", ylabel=r"$a/\ell$")
-        ax.label_outer()
     return figure
 
 
@@ -447,6 +442,8 @@ def _draw_errors(ax: Axes, study: LeaveOneOut, column: int, norm: LogNorm) -> No
         ax.tricontour(_triangles(ca, size), stretch, levels=[STRETCH_LIMIT], colors="black", linestyles="dashed")
     symbol = PARAMETERS[("capillary_number", "size_ratio", "velocity_ratio")[column]].latex
     ax.set_title(f"{study.method}: relative error of ${symbol}$", fontsize=10)
+    ax.set(xlabel=r"$\mathrm{Ca}$", ylabel=r"$a/\ell$")
+    ax.label_outer()
     ax.figure.colorbar(drawn, ax=ax)
 
 
