@@ -133,8 +133,8 @@ def origin_table(database: Database, source: str) -> pd.DataFrame:
     """Return source, version, date and hash."""
     attributes = database.dataset.attrs
     how = "open" if source in Database.shipped() else "read"
-    rows: list[tuple[str, str]] = [("file", source)] if source else []
-    rows += [
+    rows = [
+        *([("file", source)] if source else []),
         ("source", str(attributes["source"])),
         ("made by", f"capsbayes, version {attributes['version']}"),
         ("made on", str(attributes["created"])),
