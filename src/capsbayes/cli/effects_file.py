@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import capsbayes as cb
 from capsbayes.cli.command import Reads
 from capsbayes.errors import BrokenPromiseError, InputError
+from capsbayes.parameters import COORDINATES, Parameter
 
 if TYPE_CHECKING:
     from capsbayes.model import Effect, ForwardModel
@@ -28,18 +29,11 @@ _ADVICE = "see docs/diagnosing.md#an-effect-of-your-own"
 
 @dataclass(frozen=True)
 class OwnEffects:
-    """Effects of a file by name of their parameter, and the fingerprint of the file; empty if there is none."""
+    """Effects of a file by name of their parameter, its fingerprint, and both as results state them; or nothing."""
 
     effects: Mapping[str, Effect] = field(default_factory=dict)
-    path: Path | None = None
     sha256: str = ""
-
-    @property
-    def described(self) -> dict[str, Any]:
-        """File, fingerprint and names, as results state them; empty if there is no file."""
-        if self.path is None:
-            return {}
-        return {"effects_file": {"file": str(self.path), "sha256": self.sha256, "effects": [*self.effects]}}
+    described: Mapping[str, Any] = field(default_factory=dict)
 
 
 def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardModel) -> OwnEffects:
@@ -58,10 +52,8 @@ def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardMo
         _check_complete(path, label, effect)
         for name in (effect.parameter.name, effect.name):
             if name in taken:
-                advice = "choose another"
-                raise InputError(
-                    str(path), label, "a name that is not taken", f"{name!r}, that of {taken[name]}", advice
-                )
+                got = f"{name!r}, that of {taken[name]}"
+                raise InputError(str(path), label, "a name that is not taken", got, "choose another")
         taken |= {effect.parameter.name: label, effect.name: label}
         effects[effect.parameter.name] = effect
         try:
@@ -71,14 +63,14 @@ def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardMo
     if not effects:
         expected = "an effect: a class with `parameter`, `prior` and `__call__`, or an object of one"
         raise InputError(str(path), "", expected, "none", _ADVICE)
-    return OwnEffects(effects, path, hashlib.sha256(content).hexdigest())
+    sha256 = hashlib.sha256(content).hexdigest()
+    return OwnEffects(effects, sha256, {"effects_file": {"file": str(path), "sha256": sha256, "effects": [*effects]}})
 
 
 def _taken_names(known: Mapping[str, Effect]) -> dict[str, str]:
     """Return what each name stands for that an effect or its parameter cannot have."""
     from capsbayes.diagnosis import NOTHING, UNKNOWN
     from capsbayes.model import CIRCUMSTANCES
-    from capsbayes.parameters import COORDINATES
 
     inputs = ("capillary_number", "size_ratio", *CIRCUMSTANCES, *COORDINATES)
     taken = dict.fromkeys(inputs, "an input of the models") | dict.fromkeys((NOTHING, UNKNOWN), "a verdict")
@@ -138,8 +130,6 @@ def _looks_like_an_effect(kind: type) -> bool:
 
 
 def _check_complete(path: Path, label: str, effect: Effect) -> None:
-    from capsbayes.parameters import Parameter
-
     missing = [name for name in _parts() if not hasattr(effect, name)]
     if missing:
         raise InputError(str(path), label, f"an effect with {', '.join(_parts())}", f"one without {', '.join(missing)}")
