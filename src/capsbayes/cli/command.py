@@ -10,8 +10,10 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
@@ -20,6 +22,9 @@ from capsbayes.errors import InputError
 from capsbayes.files.output_file import check_replaceable, guarded, is_ours, refusing
 
 _LARGEST = 2**63 - 1  # integer that a NetCDF file holds
+
+wants_json = ContextVar("wants_json", default=False)
+"""True while a command runs that is to print its result as JSON."""
 
 Written = Callable[[Mapping[str, Any]], tuple[str, ...]] | tuple[str, ...]
 
@@ -67,8 +72,6 @@ class Writes(Option):
                 raise InputError(option, "", "a file", f"the folder {path}")
             if not path.parent.is_dir():
                 raise InputError(option, "", "a folder that exists", repr(str(path.parent)))
-        elif path.exists() and not path.is_dir():
-            raise InputError(option, "", "a folder", f"the file {path}")
         for place in path.absolute().parents:
             if place.exists() and not place.is_dir():
                 raise InputError(option, "", "a folder", f"the file {place}")
@@ -109,15 +112,18 @@ class Options:
         }
 
 
-_OVERWRITE = Option("Replace files that capsbayes did not write, or that were changed since.", "--overwrite")
-_QUIET = Option("Print nothing but what went wrong; with --json, nothing but the JSON.", "--quiet")
+_ADDED = {
+    "as_json": Option("Print the result as JSON.", "--json"),
+    "overwrite": Option("Replace files that capsbayes did not write, or that were changed since.", "--overwrite"),
+    "quiet": Option("Print nothing but what went wrong; with --json, nothing but the JSON.", "--quiet"),
+}
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
+def command(function: Callable[..., None], *, has_result: bool = True) -> Callable[..., None]:
     """Make a function a command: paths and numbers are checked before it runs, and it replaces nothing that must stay.
 
     A parameter that is `Options` becomes these options; ``--quiet`` and, where something is written, ``--overwrite``
-    are added.
+    are added, and ``--json`` to a command that has a result.
     """
     groups: dict[str, type[Options]] = {}
     typed: list[inspect.Parameter] = []
@@ -130,16 +136,16 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             typed.append(_parameter(each.name, kind, each.default))
 
     @functools.wraps(function)
-    def run(*, quiet: bool, overwrite: bool = False, **given: Any) -> None:
-        shown = _silenced(as_json=given.get("as_json", False)) if quiet else contextlib.nullcontext()
-        with shown, _protected(typed, given, overwrite=overwrite):
+    def run(*, quiet: bool, as_json: bool = False, overwrite: bool = False, **given: Any) -> None:
+        wants_json.set(as_json)
+        with _silenced() if quiet else contextlib.nullcontext(), _protected(typed, given, overwrite=overwrite):
             for name, group in groups.items():
                 given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
             function(**given)
 
-    added = [_parameter("quiet", Annotated[bool, _QUIET], False)]
-    if any(isinstance(path_of(each), Writes) for each in typed):
-        added.insert(0, _parameter("overwrite", Annotated[bool, _OVERWRITE], False))
+    writes = any(isinstance(path_of(each), Writes) for each in typed)
+    wanted = {"as_json": has_result, "overwrite": writes, "quiet": True}
+    added = [_parameter(name, Annotated[bool, _ADDED[name]], False) for name in wanted if wanted[name]]
     run.__signature__ = inspect.Signature([*typed, *added])  # type: ignore[attr-defined]
     return run
 
@@ -156,54 +162,44 @@ def path_of(parameter: inspect.Parameter) -> Input | Reads | Writes | None:
 
 def option_name(parameter: inspect.Parameter) -> str:
     """Return the name of an option as it is typed."""
-    for about in getattr(parameter.annotation, "__metadata__", ()):
-        for typed in (getattr(about, "default", None), *(getattr(about, "param_decls", None) or ())):
-            if isinstance(typed, str) and typed.startswith("--"):
-                return typed
-    return f"--{parameter.name.replace('_', '-')}"
-
-
-class _NoTerminal(io.TextIOBase):
-    """A stream without progress bars, which are drawn on terminals alone."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """Write a text as it is."""
-        return int(self._stream.write(text))
+    metadata = getattr(parameter.annotation, "__metadata__", ())
+    names = (name for about in metadata for name in getattr(about, "param_decls", None) or ())
+    return next(names, f"--{parameter.name.replace('_', '-')}")
 
 
 @contextlib.contextmanager
-def _silenced(*, as_json: bool) -> Iterator[None]:
+def _silenced() -> Iterator[None]:
     """Leave files, mistakes and JSON of what is printed."""
-    printed = contextlib.nullcontext() if as_json else contextlib.redirect_stdout(io.StringIO())
-    with contextlib.redirect_stderr(_NoTerminal(sys.stderr)), printed:
+    no_terminal: Any = SimpleNamespace(write=sys.stderr.write, flush=sys.stderr.flush, isatty=lambda: False)
+    printed = contextlib.nullcontext() if wants_json.get() else contextlib.redirect_stdout(io.StringIO())
+    with contextlib.redirect_stderr(no_terminal), printed:  # progress bars are drawn on terminals alone
         yield
 
 
 @contextlib.contextmanager
 def _protected(typed: Iterable[inspect.Parameter], given: Mapping[str, Any], *, overwrite: bool) -> Iterator[None]:
     """Check the paths and numbers of a command, and let it replace nothing that must stay."""
-    reads: dict[Path, Input | Reads] = {}
+    reads, updated = set[Path](), set[Path]()
     writes: list[tuple[str, Writes, Path]] = []
     for each in typed:
         about, value = path_of(each), given[each.name]
         _check_number(option_name(each), value)
         if value is None or about is None:
             continue
+        path = Path(value)
         if isinstance(about, Writes):
-            writes.append((option_name(each), about, Path(value)))
-        elif _exists(Path(value)):
-            reads[Path(value)] = about
-    updated = [path for path, about in reads.items() if about.updated]
-    with guarded(set(reads) - set(updated), updated=updated, overwrite=overwrite):
+            writes.append((option_name(each), about, path))
+            continue
+        with refusing(path, "a file or folder"):
+            if path.exists():
+                (updated if about.updated else reads).add(path)
+    with guarded(reads, updated=updated, overwrite=overwrite):
         for path in updated:
             _check_writable(path)
         made: dict[Path, str] = {}
         for option, about, path in writes:
             about.check(option, path)
-            _check_outputs(option, about.outputs(path, given), made, list(reads))
+            _check_outputs(option, about.outputs(path, given), made, reads | updated)
         yield
 
 
@@ -212,13 +208,6 @@ def _check_writable(path: Path) -> None:
     nearest = next(place for place in (path.absolute(), *path.absolute().parents) if place.is_dir())
     with refusing(nearest, "a folder that can be written"), tempfile.TemporaryFile(dir=nearest):
         pass
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError as error:
-        raise InputError(str(path), "", "a file or folder", str(error.strerror)) from None
 
 
 def _check_number(option: str, value: object) -> None:
@@ -230,9 +219,7 @@ def _check_number(option: str, value: object) -> None:
             raise InputError(option, "", f"a number of at most {_LARGEST}", f"one of {len(str(number))} digits")
 
 
-def _check_outputs(
-    option: str, outputs: Iterator[tuple[Path, bool]], made: dict[Path, str], inputs: list[Path]
-) -> None:
+def _check_outputs(option: str, outputs: Iterator[tuple[Path, bool]], made: dict[Path, str], inputs: set[Path]) -> None:
     """Refuse an output that another option names, that is of another kind, or that would replace what must stay."""
     for path, is_folder in outputs:
         real = path.resolve()
@@ -246,6 +233,5 @@ def _check_outputs(
             continue
         check_replaceable(path)
         if path.exists() and not is_ours(path) and any(folder in real.parents for folder in map(Path.resolve, inputs)):
-            raise InputError(
-                str(path), "", "a file to write that is not read as well", "one in the folder that is read"
-            )
+            expected = "a file to write that is not read as well"
+            raise InputError(str(path), "", expected, "one in the folder that is read")

@@ -8,22 +8,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import capsbayes as cb
 from capsbayes.cli.command import Option, Reads, Writes, command, results
 from capsbayes.cli.effects_file import EffectsFile, own_effects
-from capsbayes.cli.options import AsJson, CapsulesFile, ExperimentFile, ModelName, Seed, Workers, named_model
-from capsbayes.cli.output import conclude, print_json
+from capsbayes.cli.options import CapsulesFile, ExperimentFile, ModelName, Seed, Workers, named_model
+from capsbayes.cli.output import conclude, tell
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
 from capsbayes.report.files import Writer, json_file
 
 if TYPE_CHECKING:
-    from capsbayes.diagnosis.blind import BlindSession, TrueEffect
+    from capsbayes.diagnosis.blind import TrueEffect
     from capsbayes.model import Effect
 
-_LARGEST = {"m": 1e-4, "s": 0.1, "s/m": 1e3}  # size of an effect by its unit; of a ratio 10
+_SIZES = {"m": ("0.4 um", 1e-4), "s": ("300 us", 0.1), "s/m": ("5 s/m", 1e3)}
+"""Example and largest size of an effect by its unit."""
 
 
 @command
@@ -46,7 +45,6 @@ def diagnose(
     level: Annotated[
         float, Option("Probability of finding a disagreement where there is none.", min=0.0, max=1.0)
     ] = 0.01,
-    as_json: AsJson = False,
 ) -> None:
     """Find where capsules disagree with the model, name what would explain it, and test that on held-out capsules.
 
@@ -66,66 +64,47 @@ def diagnose(
     cross_section = session.experiment.cross_section
     known, model = cb.effects.catalogue(cross_section), named_model(database, cross_section, _view(session))
     own = own_effects(effects, known, model)
-    tried = {} if invariance else _chosen(candidates, {**known, **own.effects})
-    elsewhere = _measured(measured or [], tried)
+    tried: Mapping[str, Effect] = {} if invariance else {**known, **own.effects}
+    if candidates is not None:
+        chosen = [_parameter_of("--candidates", name, tried) for name in candidates.split(",")]
+        tried = {name: tried[name] for name in chosen}
+    how: dict[str, Any] = {"candidates": tried, "measured": _measured(measured or [], tried), "level": level}
     with resumable(out, own.sha256):
         with progress_bar(None, "reading") as update:
-            study = cb.diagnose(
-                session,
-                model,
-                seed=seed,
-                candidates=tried,
-                level=level,
-                measured=elsewhere,
-                progress=lambda step, done, steps: update(done, step, steps),
-            )
-        result = summary(study) | own.described
+            how["progress"] = lambda step, done, steps: update(done, step, steps)
+            study = cb.diagnose(session, model, seed=seed, **how)
+        result = {**summary(study), **own.described}
         files: dict[str, Writer] = {
             "study.html": lambda path: write_file(path, study_page(study)),
             "study.json": json_file(result),
         }
-        conclude(result, study_parts(study), files, out=out, as_json=as_json)
+        conclude(result, study_parts(study), files, out=out)
 
 
 def _view(session: cb.Session) -> str:
     """Return the view of the outlines of a session, the mid-plane if there are none."""
     from capsbayes.measurement import MID_PLANE
 
-    outlines = (measurement.outline for measurement in session.measurements)
-    views = sorted({outline.view for outline in outlines if outline is not None})
+    views = sorted({each.outline.view for each in session.measurements if each.outline is not None})
     if len(views) > 1:
         raise InputError("capsules", "outline.view", "outlines of one view", ", ".join(views))
     return views[0] if views else MID_PLANE
 
 
-def _chosen(names: str | None, effects: dict[str, Effect]) -> dict[str, Effect]:
-    """Return the candidates named by parameter or effect, by default all."""
-    if names is None:
-        return effects
-    known = _by_either_name(effects)
-    chosen = [_known("--candidates", name.strip(), known) for name in names.split(",")]
-    return {name: effects[name] for name in chosen}
+def _parameter_of(option: str, name: str, effects: Mapping[str, Effect]) -> str:
+    """Return the name of the parameter of an effect, of which either name is given; refuse one that is not known."""
+    known = {effect.name: parameter for parameter, effect in effects.items()} | {each: each for each in effects}
+    if name.strip() not in known:
+        raise InputError("diagnose", option, f"one of {', '.join(known)}", repr(name.strip()))
+    return known[name.strip()]
 
 
-def _known(option: str, name: str, known: Mapping[str, str]) -> str:
-    """Return the entry of `known` with this name; an unknown name is refused with a list of the known ones."""
-    if name not in known:
-        raise InputError("diagnose", option, f"one of {', '.join(known)}", repr(name))
-    return known[name]
-
-
-def _by_either_name(effects: dict[str, Effect]) -> dict[str, str]:
-    """Return the name of each parameter by that of its effect, and by itself."""
-    return {effect.name: name for name, effect in effects.items()} | {name: name for name in effects}
-
-
-def _measured(texts: list[str], effects: dict[str, Effect]) -> dict[str, tuple[float, float]]:
+def _measured(texts: list[str], effects: Mapping[str, Effect]) -> dict[str, tuple[float, float]]:
     """Return the size and standard error in SI of each ``NAME=VALUE +/- ERROR UNIT``."""
-    known = _by_either_name(effects)
     sizes = {}
     for text in texts:
         label, _, stated = text.partition("=")
-        name = _known("--measured", label.strip(), known)
+        name = _parameter_of("--measured", label, effects)
         unit = effects[name].parameter.unit
         bare = "" if unit == "-" else unit
         example = f"0.3 +/- 0.1 {bare}".strip()
@@ -155,62 +134,48 @@ def hide(
     lengths_only: Annotated[bool, Option("Measure lengths alone, no outlines.", "--lengths-only")] = False,
     refinement: Annotated[int, Option("Fineness n of the mesh.", min=4, max=32)] = 12,
     workers: Workers = None,
-    as_json: AsJson = False,
 ) -> None:
     """Simulate a lab's capsules with a true effect, and measure them: a blind set for `diagnose`.
 
     A capsule takes about half a minute of one core, or nothing with --shapes. Finished shapes are kept, so that
     the command can be stopped and run again. Exit status: 0 done, 2 bad input.
     """
-    from capsbayes.diagnosis.blind import Lab, draw_session, read_shapes, simulate_session
+    from capsbayes.diagnosis import blind
 
-    true_effect = _true_effect(effect, effects)
+    own: dict[str, TrueEffect] = {}
+    if effects is not None:
+        found = own_effects(effects, cb.effects.catalogue(), cb.Surrogate.open("square-neo-hookean")).effects
+        own = {parameter.lower(): blind.true_effect_of(each) for parameter, each in found.items()}
+    true_effect = blind.true_effect_named(effect, own)
     value, truth = _size(true_effect, effect_size), out.with_name(f"{out.name}.truth")
     if out.exists() and any(out.iterdir()):
         raise InputError("--out", "", "an empty folder, or none", f"{out}, which holds files", "name another")
-    how: dict[str, Any] = {"lab": Lab(flow_rate_error=flow_rate_error), "capsules": capsules, "seed": seed}
+    how: dict[str, Any] = {"lab": blind.Lab(flow_rate_error=flow_rate_error), "capsules": capsules, "seed": seed}
     how["outline"] = not lengths_only
     if shapes is not None:
-        blind = draw_session(read_shapes(shapes, true_effect, value), true_effect, value, **how)
+        hidden = blind.draw_session(blind.read_shapes(shapes, true_effect, value), true_effect, value, **how)
     else:
         how |= {"shapes": truth / "shapes.nc", "refinement": refinement, "workers": workers}
-        blind = simulate_session(true_effect, value, **how)
-    _write_blind(blind, out, truth, as_json)
-
-
-def _true_effect(name: str, effects: Path | None) -> TrueEffect:
-    """Return the true effect of a name, which may be that of a parameter of the file of effects."""
-    from capsbayes.diagnosis.blind import true_effect_named, true_effect_of
-
-    if effects is None:
-        return true_effect_named(name)
-    own = own_effects(effects, cb.effects.catalogue(), cb.Surrogate.open("square-neo-hookean")).effects
-    return true_effect_named(name, {parameter.lower(): true_effect_of(effect) for parameter, effect in own.items()})
+        hidden = blind.simulate_session(true_effect, value, **how)
+    with together():  # the set holds the hash of the truth, so that it cannot be changed later
+        content = json.dumps(hidden.truth(), indent=1) + "\n"
+        file = write_file(truth / "truth.json", content)
+        hidden.session.write(out)
+        seal = hashlib.sha256(content.encode()).hexdigest()
+        write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
+    count = len(hidden.session)
+    told = {"folder": str(out), "capsules": count, "truth": str(file), "sha256": seal}
+    tell(told, f"{out}: {count} capsules; the truth is in {file}, sealed by {seal[:12]}")
 
 
 def _size(effect: TrueEffect, text: str) -> float:
-    example = {"m": "0.4 um", "s": "300 us", "s/m": "5 s/m"}.get(effect.unit, "0.03")
+    example, most = _SIZES.get(effect.unit, ("0.03", 10.0))
     if effect.name == "none" and text.strip() != "0":
         raise InputError("hide", "--effect-size", "nothing with --effect none", repr(text))
     read = cb.Quantity.read(text, where="hide", key="--effect-size", units=(effect.unit,), example=example, signed=True)
     if read.error:
         raise InputError("hide", "--effect-size", f'a number without an error, as "{example}"', repr(text))
-    if abs(read.value) > (most := _LARGEST.get(effect.unit, 10.0)):
+    if abs(read.value) > most:
         expected = f"a size of at most {most:g} {effect.unit}".rstrip()
         raise InputError("hide", "--effect-size", expected, repr(text), f'write it as "{example}"')
     return read.value
-
-
-@together()
-def _write_blind(blind: BlindSession, out: Path, truth: Path, as_json: bool) -> None:
-    """Write the set, and next to it the truth; the set holds the truth's hash, so that it cannot be changed later."""
-    content = json.dumps(blind.truth(), indent=1) + "\n"
-    write_file(truth / "truth.json", content)
-    blind.session.write(out)
-    seal = hashlib.sha256(content.encode()).hexdigest()
-    write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
-    count, file = len(blind.session), truth / "truth.json"
-    if as_json:
-        print_json({"folder": str(out), "capsules": count, "truth": str(file), "sha256": seal})
-    else:
-        typer.echo(f"{out}: {count} capsules; the truth is in {file}, sealed by {seal[:12]}")

@@ -7,24 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import capsbayes as cb
-from capsbayes.cli.command import Input, Option, Writes, command, results
-from capsbayes.cli.options import (
-    AsJson,
-    CapsulesFile,
-    ExperimentFile,
-    MembraneKnown,
-    ModelName,
-    PicturesOptions,
-    Priors,
-    Refine,
-    ScaleError,
-    Scheduler,
-    Seed,
-    Workers,
-    membrane_of,
-    named_model,
-    prior_of,
-)
+from capsbayes.cli import options
+from capsbayes.cli.command import Input, Option, Writes, command, results, wants_json
 from capsbayes.cli.output import conclude, model_words
 from capsbayes.errors import InputError
 from capsbayes.report.files import Writer, figure_file, json_file
@@ -50,12 +34,12 @@ def batch(
             next_to=("{stem}.csv", "{name}.parts/"),
         ),
     ],
-    experiment: ExperimentFile = None,
-    database: ModelName = None,
-    prior: Priors = None,
+    experiment: options.ExperimentFile = None,
+    database: options.ModelName = None,
+    prior: options.Priors = None,
     *,
-    stated: PicturesOptions,
-    seed: Seed = 1,
+    stated: options.PicturesOptions,
+    seed: options.Seed = 1,
     check: Annotated[
         float, Option("Share of the capsules that are sampled with emcee as well.", min=0.0, max=1.0)
     ] = 0.01,
@@ -63,9 +47,8 @@ def batch(
     chains: Annotated[
         Path | None, Writes("Folder for the draws of every capsule, sampled with emcee: seconds each.")
     ] = None,
-    scheduler: Scheduler = None,
-    workers: Workers = None,
-    as_json: AsJson = False,
+    scheduler: options.Scheduler = None,
+    workers: options.Workers = None,
 ) -> None:
     """Identify many capsules; after an interruption, a second run continues where the first stopped.
 
@@ -78,26 +61,25 @@ def batch(
     cross_section, view = cross_section_and_view(capsules, known)
     population = cb.identify_folder(
         capsules,
-        named_model(database, cross_section, view),
+        options.named_model(database, cross_section, view),
         known,
         out=out,
         seed=seed,
-        prior=prior_of(prior),
+        prior=options.prior_of(prior),
         **_of_pictures(stated, capsules),
         check=check,
         most_checked=most_checked,
         chains=chains,
         scheduler=scheduler,
         workers=workers,
-        progress=not as_json,
+        progress=not wants_json.get(),
     )
     hierarchy = _inferred(population, out, seed=seed)
-    good = bool(population.usable.all())
     parts = _batch_parts(population, hierarchy, out)
-    conclude(batch_summary(population, hierarchy), parts, as_json=as_json, good=good)
+    conclude(batch_summary(population, hierarchy), parts, good=bool(population.usable.all()))
 
 
-def _check_stated(stated: PicturesOptions, capsules: Path) -> None:
+def _check_stated(stated: options.PicturesOptions, capsules: Path) -> None:
     """Refuse what is stated of pictures where there is no folder of them."""
     from capsbayes.infer.batch import check_there
 
@@ -108,7 +90,7 @@ def _check_stated(stated: PicturesOptions, capsules: Path) -> None:
         raise InputError("batch", option, "a folder of pictures", str(capsules), advice)
 
 
-def _of_pictures(stated: PicturesOptions, capsules: Path) -> dict[str, Any]:
+def _of_pictures(stated: options.PicturesOptions, capsules: Path) -> dict[str, Any]:
     """Return what is stated of the pictures in a folder, by the names of the library."""
     from capsbayes.infer.batch import pictures_of
 
@@ -171,13 +153,12 @@ def population(
     tails: Annotated[
         str, Option("Of the population: normal, or student for t distributions, for a few odd capsules.")
     ] = "normal",
-    database: ModelName = None,
-    experiment: ExperimentFile = None,
+    database: options.ModelName = None,
+    experiment: options.ExperimentFile = None,
     velocity_error: Annotated[
         str | None, Option("Relative error that all velocities have in common, as '0.5 %': pixel size, frame rate.")
     ] = None,
-    seed: Seed = 1,
-    as_json: AsJson = False,
+    seed: options.Seed = 1,
 ) -> None:
     """Find mean and spread of G_s and a with the errors removed, and how G_s changes with a.
 
@@ -202,7 +183,7 @@ def population(
         )
         if inferred.passed:
             inferred.added_to(read).write(capsules)
-    conclude(inferred.as_dict(), hierarchy_parts(inferred), as_json=as_json, good=inferred.passed)
+    conclude(inferred.as_dict(), hierarchy_parts(inferred), good=inferred.passed)
 
 
 def _share(text: str | None) -> float:
@@ -220,24 +201,23 @@ def _share(text: str | None) -> float:
 
 @command
 def membrane(
-    capsules: CapsulesFile,
+    capsules: options.CapsulesFile,
     out: Annotated[Path | None, results("membrane.nc", "membrane.json", "membrane.png")] = None,
-    experiment: ExperimentFile = None,
-    membrane: MembraneKnown = None,
-    prior: Priors = None,
+    experiment: options.ExperimentFile = None,
+    membrane: options.MembraneKnown = None,
+    prior: options.Priors = None,
     same_capsule: Annotated[
         bool, Option("All measurements are of one capsule, at several flow rates.", "--same-capsule")
     ] = False,
     inflation_varies: Annotated[
         bool, Option("Each capsule has a pre-inflation of its own.", "--inflation-varies")
     ] = False,
-    scale_error: ScaleError = 0.0,
-    refine: Refine = None,
+    scale_error: options.ScaleError = 0.0,
+    refine: options.Refine = None,
     laws: Annotated[bool, Option("Compare known laws, which takes three times as long.")] = True,
-    scheduler: Scheduler = None,
-    workers: Workers = None,
-    seed: Seed = 1,
-    as_json: AsJson = False,
+    scheduler: options.Scheduler = None,
+    workers: options.Workers = None,
+    seed: options.Seed = 1,
 ) -> None:
     """Find the membrane that the capsules of a batch share: law, moduli, inflation and bending, with G_s and a of each.
 
@@ -253,8 +233,8 @@ def membrane(
     batch = measured.measurements, measured.experiment
     how: dict[str, Any] = {
         "seed": seed,
-        "membrane": membrane_of(None, membrane),
-        "prior": prior_of(prior),
+        "membrane": options.membrane_of(None, membrane),
+        "prior": options.prior_of(prior),
         "same_capsule": same_capsule,
         "inflation_varies": inflation_varies,
         "scale_error": scale_error,
@@ -262,18 +242,20 @@ def membrane(
         "workers": workers,
     }
     with resumable(out):
-        refined = None if refine is None else cb.refine_model(*batch, states=refine, progress=not as_json, **how)
+        refined = (
+            None if refine is None else cb.refine_model(*batch, states=refine, progress=not wants_json.get(), **how)
+        )
         with progress_bar(None, "membrane") as update:
             how |= {"laws": laws, "progress": lambda step, done, steps: update(done, step, steps)}
             shared = cb.identify_membrane(*batch, model=refined.model if refined else None, **how)
         if refined:
             shared = refined.noted_in(shared)
+        result = shared.as_dict()
         files: dict[str, Writer] = {
             "membrane.nc": shared.write,
-            "membrane.json": json_file(shared.as_dict()),
+            "membrane.json": json_file(result),
             "membrane.png": figure_file(lambda: membrane_figure(shared)),
         }
         left_out = [f"Left out: {line}" for line in measured.left_out]
-        model_line = model_words(shared.model_name, shared.model_sha256, shared.seed)
-        parts = [*membrane_parts(shared), *left_out, model_line]
-        conclude(shared.as_dict(), parts, files, out=out, as_json=as_json, status=shared.status)
+        parts = [*membrane_parts(shared), *left_out, model_words(**result["model"], seed=seed)]
+        conclude(result, parts, files, out=out, status=shared.status)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import capsbayes as cb
-from capsbayes.cli.command import Input, Option, Reads, Writes, command
-from capsbayes.cli.options import BY_HAND, AsJson, PictureOptions, PicturesOptions
-from capsbayes.cli.output import print_json, table_file
+from capsbayes.cli.command import Input, Option, Reads, Writes, command, wants_json
+from capsbayes.cli.options import BY_HAND, PictureOptions, PicturesOptions
+from capsbayes.cli.output import conclude, table_file, tell
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together
 from capsbayes.files.recording import PICTURE_KINDS, is_film, kind_of, unknown
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from capsbayes.image.detect import Detection
-    from capsbayes.image.edges import RearBand
     from capsbayes.image.film import FilmMeasurement
 
 DETECTED = ("overlay.png", "outline.csv", "silhouette.csv", "measurement.toml", "measurement.outline.csv")
@@ -92,7 +91,6 @@ def measure(
         Path | None,
         Writes("Folder for measurement.toml with its silhouette, outline.csv and overlay.png.", within=_written),
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Measure the capsule in a picture, or all capsules in a film: lengths with their errors."""
     from capsbayes.run import resumable
@@ -107,12 +105,12 @@ def measure(
         "film": _measure_film,
         ".rtdc file": _measure_rtdc,
         "contour": _measure_contour,
-        "picture": measured_picture,
+        "picture": partial(measured_picture, record=True),
         "target": _measure_target,
     }[kind]
     known = cb.Experiment.read(experiment)
     with resumable(out):
-        measure_kind(picture, known, stated, out, as_json=as_json)
+        measure_kind(picture, known, stated, out)
 
 
 def _kind(path: Path) -> str:
@@ -135,15 +133,9 @@ def is_picture(path: Path) -> bool:
 
 
 def measured_picture(
-    path: Path,
-    experiment: cb.Experiment,
-    stated: PictureOptions,
-    out: Path | None,
-    *,
-    quiet: bool = False,
-    as_json: bool = False,
+    path: Path, experiment: cb.Experiment, stated: PictureOptions, out: Path | None, *, record: bool = False
 ) -> cb.Measurement:
-    """Measure the capsule in a picture, write and print what was detected, if quiet failures alone, which end it."""
+    """Measure the capsule in a picture, write and print what was detected; as JSON only its `record`; failures end."""
     from capsbayes.image.files import Picture
     from capsbayes.image.measure import detect, measurement_of, turned, write_detection
 
@@ -152,22 +144,18 @@ def measured_picture(
     seen, empty, by_hand = turned(Picture.read(path), empty, by_hand)
     detection = detect(seen, background=empty, flow=stated.flow, by_hand=by_hand, half_width=experiment.half_width)
     measured = measurement_of(detection, seen, experiment, speeds.get("capsule_velocity"), speeds.get("flow_rate"))
-    if detection.status.ok and not (quiet or as_json):
-        _print_detection(detection, measured, experiment)
     if out is not None:
         write_detection(out, seen, detection, measured, experiment)
-    if as_json:
-        print_json(_record(measured))
-    elif not (quiet and measured.status.ok):
-        typer.echo(f"Status: {measured.status}", err=quiet)
-    if not measured.status.ok:
+    if record or not wants_json.get():
+        parts = _detection_parts(detection, measured, experiment) if detection.status.ok else ()
+        conclude(_record(measured), parts, lines=[f"Status: {measured.status}"], good=measured.status.ok)
+    elif not measured.status.ok:
+        typer.echo(f"Status: {measured.status}", err=True)
         raise typer.Exit(1)
     return measured
 
 
-def _measure_target(
-    path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None, *, as_json: bool
-) -> None:
+def _measure_target(path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None) -> None:
     from capsbayes.image import Picture, edge_offset_of
 
     if out is not None:
@@ -175,12 +163,12 @@ def _measure_target(
     if stated.target is None or stated.pixel_size is None:
         raise InputError("measure", "--target", "--pixel-size with it", "none")
     found = edge_offset_of(Picture.read(path), stated.target, stated.pixel_size, by_hand=stated.by_hand())
-    if as_json:
-        print_json({"edge_offset": {"value": found.value, "error": found.error}})
-        return
     side = "outside" if found.value > 0.0 else "inside"
-    typer.echo(f"The true edge lies {abs(found.value):.2f} px {side} the located one.")
-    typer.echo(f'For pictures with the same optics: --edge-offset "{found.value:.2f} +/- {found.error:.2f} px"')
+    tell(
+        {"edge_offset": {"value": found.value, "error": found.error}},
+        f"The true edge lies {abs(found.value):.2f} px {side} the located one.",
+        f'For pictures with the same optics: --edge-offset "{found.value:.2f} +/- {found.error:.2f} px"',
+    )
 
 
 def _record(measured: cb.Measurement) -> dict[str, object]:
@@ -196,64 +184,53 @@ def _record(measured: cb.Measurement) -> dict[str, object]:
     return record | {**further, "points_of_outline": points}
 
 
-def _print_detection(detection: Detection, measured: cb.Measurement, experiment: cb.Experiment) -> None:
-    import numpy as np
+def _detection_parts(detection: Detection, measured: cb.Measurement, experiment: cb.Experiment) -> Iterator[Any]:
+    """Yield what is printed of a capsule that was detected."""
+    from capsbayes.report.tables import table
 
-    from capsbayes.report.tables import print_parts, table
-
+    yield table(("", "px", "over l", "µm"), _length_rows(detection, experiment), numbers=(1, 2, 3))
     if detection.rear is None:
-        bound = (detection.lengths[0] + 2.0 * np.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
-        rear = f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette."
+        bound = (detection.lengths[0] + 2.0 * math.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
+        yield f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette."
     else:
-        rear = _of_band(detection.rear)
-    rows = _length_rows(detection, experiment)
-    parts: list[Any] = [table(("", "px", "over l", "µm"), rows, numbers=(1, 2, 3)), rear]
+        rear, where = detection.rear, "; where in the band the membrane lies is not in the error."
+        if rear.within > 0.0:
+            where = f": the membrane lies anywhere within, and {rear.within:.1f} px of that are in the error of L_a."
+        yield f"L_a goes to the middle of the rear band, whose standard deviation is {rear.width:.1f} px{where}"
     if detection.walls is not None and detection.walls.stated:
-        parts.append(f"l in px is that of {detection.walls.stated}.")
-    parts.append(measured.doubt)
+        yield f"l in px is that of {detection.walls.stated}."
+    yield measured.doubt
     if detection.shift > 0.0:
-        parts.append(
+        yield (
             "The noise shows that the picture was smoothed, by a filter or a compression: that adds "
             f"{detection.shift:.2f} px to the errors of all edges."
         )
     if detection.middle > 0.0:
-        parts.append(
+        yield (
             "A line alone is seen of the membrane; its middle is taken for the edge, "
             f"{detection.middle:.1f} px within its outer side. That the membrane may lie elsewhere in it is in the "
             "errors, unless it is stated (--edge-offset)."
         )
     if experiment.camera is not None:
         lengths = ", ".join(f"{length:.4f}" for length in measured.lengths)
-        parts.append(f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}.")
-    print_parts(*parts, _outline_words(measured))
+        yield f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}."
+    yield _outline_words(measured)
 
 
-def _length_rows(detection: Detection, experiment: cb.Experiment) -> list[tuple[str, ...]]:
-    """Return each length in px, over l and in um."""
-    import numpy as np
-
+def _length_rows(detection: Detection, experiment: cb.Experiment) -> Iterator[tuple[str, ...]]:
+    """Yield each length in px, over l and in um."""
     half_width, half_width_error = 1e6 * experiment.half_width.mean, 1e6 * experiment.half_width.sd
-    rows: list[tuple[str, ...]] = []
     for name, power, value, error, ratio, ratio_error in detection.table().itertuples():
-        if not np.isfinite(value):
-            rows.append((name, "not seen", "", ""))
+        if not math.isfinite(value):
+            yield name, "not seen", "", ""
         elif name == "l":
-            rows.append((name, _pair(value, error), "1", _pair(half_width, half_width_error)))
+            yield name, _pair(value, error), "1", _pair(half_width, half_width_error)
         elif name in ("L_z", "L_a", "L_p"):
-            real = np.hypot(half_width * ratio_error, ratio * half_width_error)
-            lengths = _pair(ratio, ratio_error, digits=4), _pair(ratio * half_width, real)
-            rows.append((name, _pair(value, error), *lengths))
+            real = math.hypot(half_width * ratio_error, ratio * half_width_error)
+            yield name, _pair(value, error), _pair(ratio, ratio_error, digits=4), _pair(ratio * half_width, real)
         else:
             words = f"{name} ({_POWERS[power]})" if power in _POWERS else name
-            rows.append((words, _significant(value, error), _significant(ratio, ratio_error), ""))
-    return rows
-
-
-def _of_band(rear: RearBand) -> str:
-    ends = f"L_a goes to the middle of the rear band, whose standard deviation is {rear.width:.1f} px"
-    if rear.within > 0.0:
-        return f"{ends}: the membrane lies anywhere within, and {rear.within:.1f} px of that are in the error of L_a."
-    return f"{ends}; where in the band the membrane lies is not in the error."
+            yield words, _significant(value, error), _significant(ratio, ratio_error), ""
 
 
 def _outline_words(measured: cb.Measurement) -> str:
@@ -276,9 +253,7 @@ def _pair(value: float, error: float, *, digits: int = 2) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def _measure_contour(
-    path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None, *, as_json: bool
-) -> None:
+def _measure_contour(path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None) -> None:
     from capsbayes.image.contour import ContourFile, measure_contour
 
     speeds, by_hand = stated.speeds(experiment), stated.by_hand()
@@ -302,70 +277,52 @@ def _measure_contour(
     )
     if out is not None:
         measured.write(out / "measurement.toml")
-    if as_json:
-        print_json(_record(measured))
-    else:
-        _print_contour(measured)
+    length = "The contour has no concave rear: L_a is at most its length."
+    if measured.axial_length is not None and measured.axial_length_error is not None:
+        length = f"L_a {_pair(measured.axial_length, measured.axial_length_error, digits=4)} l"
+    extent = f"L_z {_pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l"
+    conclude(_record(measured), [extent, length, _outline_words(measured)], lines=[f"Status: {measured.status}"])
 
 
-def _print_contour(measured: cb.Measurement) -> None:
-    from capsbayes.report.tables import print_parts
-
-    typer.echo(f"L_z {_pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l")
-    if measured.axial_length is None or measured.axial_length_error is None:
-        typer.echo("The contour has no concave rear: L_a is at most its length.")
-    else:
-        typer.echo(f"L_a {_pair(measured.axial_length, measured.axial_length_error, digits=4)} l")
-    print_parts(_outline_words(measured))
-    typer.echo(f"Status: {measured.status}")
-
-
-def _measure_film(
-    path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None, *, as_json: bool
-) -> None:
+def _measure_film(path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None) -> None:
     """Measure the capsules of a film, print them, and write the files of each."""
     from capsbayes.image.files import Film
     from capsbayes.run import progress_bar
 
-    how: dict[str, Any] = {"frame_rate": _rate(stated.frame_rate, experiment), "background": stated.background}
-    how |= {"flow": stated.flow, "by_hand": stated.by_hand()}
+    rate = experiment.frame_rate
+    if stated.frame_rate is not None:
+        rate = cb.Quantity.read(stated.frame_rate, where="--frame-rate", key="", units=("1/s",), example="2000 Hz")
+    if rate is None:
+        advice = "give --frame-rate, or frame_rate in the experiment's file; that of a video is the one it is shown at"
+        raise InputError("measure", "--frame-rate", "the rate at which the film was taken", "nothing", advice)
+    how: dict[str, Any] = {"flow": stated.flow, "by_hand": stated.by_hand(), "background": stated.background}
     film = Film.open(path)
     with progress_bar(film.count, "frames") as update:
-        made = cb.measure_film(film, experiment, **how, watch=update)
+        made = cb.measure_film(film, experiment, frame_rate=rate, watch=update, **how)
     table = made.table()
-    if made.status.ok and not as_json:
-        _print_film(made, table)
     if out is not None:
         _write_film(made, table, out, experiment)
     good = sum(capsule.status.ok for capsule in made.capsules)
-    if as_json:
-        rows = json.loads(table.to_json(orient="records")) if made.status.ok else []
-        print_json({"status": made.status.name, "frames": made.frames, "capsules": rows})
-    else:
-        words = f"{good} of {len(made.capsules)} capsules measured." if made.status.ok else str(made.status)
-        typer.echo(f"Status: {words}")
-    if not good:
-        raise typer.Exit(1)
+    parts, words, rows = [], str(made.status), []
+    if made.status.ok:
+        parts, words = _film_parts(made, table), f"{good} of {len(made.capsules)} capsules measured."
+        rows = json.loads(table.to_json(orient="records"))
+    record = {"status": made.status.name, "frames": made.frames, "capsules": rows}
+    conclude(record, parts, lines=[f"Status: {words}"], good=good > 0)
 
 
-def _rate(text: str | None, experiment: cb.Experiment) -> cb.Quantity:
-    if text is not None:
-        return cb.Quantity.read(text, where="--frame-rate", key="", units=("1/s",), example="2000 Hz")
-    if experiment.frame_rate is None:
-        advice = "give --frame-rate, or frame_rate in the experiment's file; that of a video is the one it is shown at"
-        raise InputError("measure", "--frame-rate", "the rate at which the film was taken", "nothing", advice)
-    return experiment.frame_rate
-
-
-def _print_film(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
-    from capsbayes.report.tables import print_parts, table
+def _film_parts(made: FilmMeasurement, capsules: pd.DataFrame) -> list[Any]:
+    """Return what is printed of the capsules of a film."""
+    from capsbayes.report.tables import table
 
     head = ("", "frames", "L_z over l", "L_a over l", "v_o mm/s", "")
     rows, changes = [], []
     for _, row in capsules.iterrows():
         frames = str(row["frames"]) if row["alike"] == row["frames"] else f"{row['alike']} of {row['frames']}"
         rows.append((str(row["capsule"]), frames, *_cells(row), row["status"]))
-        changes.append((str(row["capsule"]), *_changes(row)))
+        pairs = [(row[f"{name}_change"], row[f"{name}_change_error"]) for name in ("L_z", "L_a", "v_o")]
+        sigmas = (f"{100.0 * by:+.2f} % ({abs(by) / error:.1f})" if error > 0.0 else "" for by, error in pairs)
+        changes.append((str(row["capsule"]), *sigmas))
     title = "Change along the channel (in standard errors)"
     changed = table(("", "L_z", "L_a", "v_o"), changes, title=title, numbers=(1, 2, 3))
     clipped = f", {made.saturated} clipped between the walls" if made.saturated else ""
@@ -373,7 +330,7 @@ def _print_film(made: FilmMeasurement, capsules: pd.DataFrame) -> None:
     refused = [f"{status.name} {count}" for status, count in (made.statuses or {}).items() if not status.ok]
     counts = f"{made.frames} frames{unread}{clipped}. Objects refused: {', '.join(refused) or 'none'}."
     doubts = {capsule.measurement.doubt: None for capsule in made.capsules}
-    print_parts(table(head, rows), changed, counts, *doubts)
+    return [table(head, rows), changed, counts, *doubts]
 
 
 def _cells(row: pd.Series) -> list[str]:
@@ -386,12 +343,6 @@ def _cells(row: pd.Series) -> list[str]:
         lengths[1] = f"at most {row['axial_length_bound_over_l']:.4f}"
     speed, error = 1e3 * row["velocity_m_s"], 1e3 * row["velocity_error_m_s"]
     return [*lengths, _significant(speed, error) if error > 0.0 else ""]
-
-
-def _changes(row: pd.Series) -> list[str]:
-    """Return how lengths and velocity of one capsule change along the channel, as text."""
-    pairs = [(row[f"{name}_change"], row[f"{name}_change_error"]) for name in ("L_z", "L_a", "v_o")]
-    return [f"{100.0 * change:+.2f} % ({abs(change) / error:.1f})" if error > 0.0 else "" for change, error in pairs]
 
 
 @together()
@@ -409,9 +360,7 @@ def _write_film(made: FilmMeasurement, table: pd.DataFrame, out: Path, known: cb
         table_file(capsule.table(), index=False, float_format="%.4f")(folder / "frames.csv")
 
 
-def _measure_rtdc(
-    path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None, *, as_json: bool
-) -> None:
+def _measure_rtdc(path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None) -> None:
     """Measure the events of a file, count their statuses, and write the files of each."""
     import pandas as pd
 
@@ -425,7 +374,10 @@ def _measure_rtdc(
     file = RtdcFile.open(path)
     how: dict[str, Any] = {"shared_velocity": speeds.get("capsule_velocity"), "flow_rate": speeds.get("flow_rate")}
     how |= {"pixel_size": by_hand.pixel_size, "axis": by_hand.axis, "flow": stated.flow}
-    _compare_rates(file.flow_rate, speeds.get("flow_rate"))
+    rate = speeds.get("flow_rate")
+    if rate is not None and file.flow_rate is not None and abs(rate.value / file.flow_rate - 1.0) > _RATES:
+        inside, given = f"{1e9 * file.flow_rate:.4g}", f"{1e9 * rate.value:.4g}"
+        typer.echo(f"The file states a flow rate of {inside} uL/s; the {given} uL/s of --flow-rate are used.", err=True)
 
     def measured(events: range) -> list[dict[str, object]]:
         rows = []
@@ -448,17 +400,9 @@ def _measure_rtdc(
     if out is not None:
         table_file(table, index=False)(out / "events.csv")
     counts = table["status"].value_counts()
-    if as_json:
-        print_json({"statuses": counts.to_dict(), "events": json.loads(table.to_json(orient="records"))})
-    else:
-        typer.echo(", ".join(f"{name} {count}" for name, count in counts.items()))
-        typer.echo(f"Status: {counts.get('DONE', 0)} of {file.events} events measured.")
-    if "DONE" not in counts:
-        raise typer.Exit(1)
-
-
-def _compare_rates(of_file: float | None, rate: cb.Quantity | None) -> None:
-    """Say so where the flow rate of the option is not that of the file."""
-    if rate is not None and of_file is not None and abs(rate.value / of_file - 1.0) > _RATES:
-        stated, given = f"{1e9 * of_file:.4g}", f"{1e9 * rate.value:.4g}"
-        typer.echo(f"The file states a flow rate of {stated} uL/s; the {given} uL/s of --flow-rate are used.", err=True)
+    tell(
+        {"statuses": counts.to_dict(), "events": json.loads(table.to_json(orient="records"))},
+        ", ".join(f"{name} {count}" for name, count in counts.items()),
+        f"Status: {counts.get('DONE', 0)} of {file.events} events measured.",
+        good="DONE" in counts,
+    )

@@ -5,29 +5,15 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import capsbayes as cb
-from capsbayes.cli.command import Input, Option, Options, Reads, Writes, command
+from capsbayes.cli import options
+from capsbayes.cli.command import Input, Option, Options, Reads, Writes, command, wants_json
 from capsbayes.cli.measuring import DETECTED, is_picture, measured_picture
-from capsbayes.cli.options import (
-    AsJson,
-    ExperimentFile,
-    MembraneKnown,
-    ModelName,
-    PictureOptions,
-    Priors,
-    Refine,
-    Seed,
-    capsule_model,
-    membrane_of,
-    named_experiment,
-    prior_of,
-)
-from capsbayes.cli.output import conclude, model_words, print_json, waiting
+from capsbayes.cli.output import conclude, model_words, tell, waiting
 from capsbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -93,13 +79,13 @@ def identify(
             within=_written,
         ),
     ] = None,
-    experiment: ExperimentFile = None,
-    database: ModelName = None,
-    membrane: MembraneKnown = None,
-    prior: Priors = None,
-    refine: Refine = None,
+    experiment: options.ExperimentFile = None,
+    database: options.ModelName = None,
+    membrane: options.MembraneKnown = None,
+    prior: options.Priors = None,
+    refine: options.Refine = None,
     *,
-    picture: PictureOptions,
+    picture: options.PictureOptions,
     sampling: EngineOptions,
     resimulate: Annotated[
         int | None,
@@ -110,8 +96,7 @@ def identify(
             max=1000,
         ),
     ] = None,
-    seed: Seed = 1,
-    as_json: AsJson = False,
+    seed: options.Seed = 1,
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     from capsbayes.infer.identify import prepare, with_other_laws
@@ -122,16 +107,16 @@ def identify(
     effort = sampling.effort()
     if resimulate is not None and out is None:
         raise InputError("identify", "--resimulate", "--out with it, the folder where the shapes are kept", "no --out")
-    measurement = _measurement(capsule, experiment, picture, out, quiet=as_json)
+    measurement = _measurement(capsule, experiment, picture, out)
     stated = not is_picture(capsule)
-    believed = prior_of(prior, cb.Prior.read(capsule) if stated else None)
-    sheet = membrane_of(cb.Membrane.read(capsule) if stated else None, membrane)
+    believed = options.prior_of(prior, cb.Prior.read(capsule) if stated else None)
+    sheet = options.membrane_of(cb.Membrane.read(capsule) if stated else None, membrane)
     if refine is not None and sheet is None:
         raise InputError("identify", "--refine", "--membrane unknown (or [membrane]) with it", "a model of one law")
-    known = named_experiment(measurement, experiment)
+    known = options.named_experiment(measurement, experiment)
     if sheet is None:
         prepare(known.cross_section)
-    model = capsule_model(database, sheet, known, measurement)
+    model = options.capsule_model(database, sheet, known, measurement)
     if resimulate is not None:
         from capsbayes.resimulation import ShapeSource
 
@@ -140,7 +125,7 @@ def identify(
         how: dict[str, Any] = {"engine": sampling.engine, "effort": effort, "prior": believed, "membrane": sheet}
         refined = None
         if refine is not None:
-            of_membrane: dict[str, Any] = {"membrane": sheet, "prior": believed, "progress": not as_json}
+            of_membrane: dict[str, Any] = {"progress": not wants_json.get(), "membrane": sheet, "prior": believed}
             refined = cb.refine_model([measurement], known, states=refine, seed=seed, **of_membrane)
             model = refined.model
         posterior = cb.identify(measurement, model, known, seed=seed, **how)
@@ -152,20 +137,13 @@ def identify(
             posterior = refined.noted_in(posterior)
         if not model.coordinates:
             posterior = with_other_laws(posterior)
-        model_line = model_words(posterior.model_name, posterior.model_sha256, posterior.seed)
-        conclude(
-            posterior.as_dict(),
-            [*posterior_parts(posterior), model_line],
-            posterior_files(posterior),
-            out=out,
-            as_json=as_json,
-            status=posterior.status,
-            status_words=status_words(posterior),
-        )
+        result, files = posterior.as_dict(), posterior_files(posterior)
+        parts, words = [*posterior_parts(posterior), model_words(**result["model"], seed=seed)], status_words(posterior)
+        conclude(result, parts, files, out=out, status=posterior.status, status_words=words)
 
 
 def _measurement(
-    capsule: Path, experiment: Path | None, picture: PictureOptions, out: Path | None, *, quiet: bool
+    capsule: Path, experiment: Path | None, picture: options.PictureOptions, out: Path | None
 ) -> cb.Measurement:
     """Read the measurement of a capsule, or measure its picture."""
     from capsbayes.files.input_file import PICTURES
@@ -173,7 +151,7 @@ def _measurement(
     if is_picture(capsule):
         if experiment is None:
             raise InputError("identify", "--experiment", "the experiment's file with a picture", "nothing")
-        return measured_picture(capsule, cb.Experiment.read(experiment), picture, out, quiet=quiet)
+        return measured_picture(capsule, cb.Experiment.read(experiment), picture, out)
     for option in picture.given():
         name = {"--velocity": "capsule_velocity", "--flow-rate": "flow_rate"}.get(option, "")
         advice = f"state {name} in it" if name else ""
@@ -195,7 +173,6 @@ def report(
         Path | None, Reads("Of a posterior: picture of the capsule; default: the one it was measured in.")
     ] = None,
     rows: Annotated[int, Option("Of a population: most capsules in the table, worst first.", min=1)] = 500,
-    as_json: AsJson = False,
 ) -> None:
     """Write a result as one HTML page that holds its pictures, to read on a screen or a phone and to print."""
     from capsbayes.report import opened
@@ -207,13 +184,10 @@ def report(
     with only_run(out), waiting("Drawing ..."):
         path = cb.write_report(read, out, picture=picture, rows=rows, source=source)
     size = path.stat().st_size
-    if as_json:
-        print_json({"file": str(path), "bytes": size})
-    else:
-        typer.echo(f"Written to {path}, {size / 1e6:.1f} MB.")
+    tell({"file": str(path), "bytes": size}, f"Written to {path}, {size / 1e6:.1f} MB.")
 
 
-@command
+@partial(command, has_result=False)
 def bench(
     folder: Annotated[
         Path, Writes("Folder in which capsules are kept, one folder each; no other user can enter it.")

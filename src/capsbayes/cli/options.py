@@ -11,6 +11,7 @@ import typer
 import capsbayes as cb
 from capsbayes.cli.command import Input, Option, Options, Reads
 from capsbayes.errors import InputError
+from capsbayes.parameters import COORDINATES
 
 if TYPE_CHECKING:
     from capsbayes.image import ByHand
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from capsbayes.surrogate import EffectSurrogate
 
 Seed = Annotated[int, Option("Seed of the random numbers; it is stored in the results.", min=0)]
-AsJson = Annotated[bool, Option("Print the result as JSON.", "--json")]
 CapsuleFile = Annotated[
     Path, Input("TOML file of the capsule: lengths, velocity and the name of its experiment's file.")
 ]
@@ -252,8 +252,6 @@ def lengths_alone(errors: cb.LabErrors) -> cb.LabErrors:
 
 def prior_of(options: list[str] | None, stated: cb.Prior | None = None) -> cb.Prior:
     """Return the priors that a capsule's file states, or those by default, changed by the options ``--prior``."""
-    from capsbayes.parameters import COORDINATES
-
     texts, names = {}, ("surface_shear_modulus", "capsule_radius", *COORDINATES)
     for option in options or []:
         name, equals, text = option.partition("=")
@@ -273,9 +271,8 @@ def membrane_of(
     for option in options or []:
         name, equals, text = option.partition("=")
         if equals and name not in ("law", *KEYS):
-            raise InputError(
-                option_name, "", f"a law, or NAME=TEXT with one of the names {', '.join(KEYS)}", repr(option)
-            )
+            expected = f"a law, or NAME=TEXT with one of the names {', '.join(KEYS)}"
+            raise InputError(option_name, "", expected, repr(option))
         texts[name if equals else "law"] = text if equals else option
     return (stated or cb.Membrane()).with_texts(texts, where=option_name) if texts else stated
 
@@ -284,9 +281,8 @@ def named_experiment(measurement: cb.Measurement, experiment: Path | None) -> cb
     """Return the experiment of a measurement: of the option ``--experiment``, or of the file that it names."""
     path = experiment or measurement.experiment_file
     if path is None:
-        raise InputError(
-            measurement.source, "experiment", "the name of a file", "nothing", "name it, or use --experiment"
-        )
+        advice = "name it, or use --experiment"
+        raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
     return cb.Experiment.read(path)
 
 

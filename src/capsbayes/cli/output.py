@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from capsbayes.cli.command import wants_json
 from capsbayes.files.output_file import together, write_file
 from capsbayes.report.files import Writer
 
@@ -20,9 +21,12 @@ if TYPE_CHECKING:
     from capsbayes.status import Status
 
 
-def print_json(result: Any) -> None:
-    """Print a result as JSON."""
-    typer.echo(json.dumps(result, indent=2))
+def tell(result: Any, *lines: str, good: bool = True) -> None:
+    """Print a result as JSON where that is asked for, else lines as they are; end with exit status 1 if not good."""
+    for line in [json.dumps(result, indent=2)] if wants_json.get() else lines:
+        typer.echo(line)
+    if not good:
+        raise typer.Exit(1)
 
 
 def waiting(words: str) -> contextlib.AbstractContextManager[object]:
@@ -50,27 +54,24 @@ def conclude(
     files: Mapping[str, Writer] = MappingProxyType({}),
     *,
     out: Path | None = None,
-    as_json: bool,
     status: Status | None = None,
     status_words: str | None = None,
+    lines: Iterable[str] = (),
     good: bool = True,
 ) -> None:
     """Write the files of a result, all or none, and print it; end with exit status 1 if it or its status is not good.
 
-    With ``--json`` the `result` is printed, without it the `parts`, and `status_words` where there is more to say than
-    the sentence of the status.
+    With ``--json`` the `result` is printed, without it the `parts`, `status_words` where there is more to say than the
+    sentence of the status, and `lines` as they are.
     """
     good = good and (status is None or status.ok)
     if out is not None:
         with together():
             for name, write in files.items():
                 write(out / name)
-    if as_json:
-        print_json(result)
-    else:
+    if not wants_json.get():
         from capsbayes.report.tables import print_parts
 
         written = "" if out is None else f"Written to {out}: {', '.join(files)}."
         print_parts(*parts, written, status=status_words or status, good=good)
-    if not good:
-        raise typer.Exit(1)
+    tell(result, *lines, good=good)

@@ -13,7 +13,6 @@ import typer
 import capsbayes as cb
 from capsbayes.cli.command import Option, Options, command, results
 from capsbayes.cli.options import (
-    AsJson,
     CapsuleFile,
     ExperimentFile,
     LabOptions,
@@ -113,7 +112,6 @@ def budget(
     database: ModelName = None,
     membrane: MembraneKnown = None,
     seed: Seed = 1,
-    as_json: AsJson = False,
 ) -> None:
     """Compute the share of the variance of G_s and a due to each input, and how both change with it.
 
@@ -142,7 +140,7 @@ def budget(
             "budget.png": figure_file(lambda: budget_figure(shares)),
         }
         parts: Parts = [budget_table(shares), *shares.notes, model_words(shares.model_name, shares.model_sha256, seed)]
-        conclude(result, parts, files, out=out, as_json=as_json, status=shares.status)
+        conclude(result, parts, files, out=out, status=shares.status)
 
 
 @command
@@ -161,7 +159,6 @@ def sobol(
     experiment: ExperimentFile = None,
     database: ModelName = None,
     seed: Seed = 1,
-    as_json: AsJson = False,
 ) -> None:
     """Compute the Sobol indices of the deterministic answer (G_s, a, Ca, a/l) over ranges of the inputs.
 
@@ -184,7 +181,7 @@ def sobol(
         }
         model_line = model_words(study.model_name, study.model_sha256, study.seed)
         parts: Parts = [sobol_table(study), *_sobol_lines(study), model_line]
-        conclude(study.as_dict(), parts, files, out=out, as_json=as_json, status=study.status)
+        conclude(study.as_dict(), parts, files, out=out, status=study.status)
 
 
 def _ranges(texts: list[str]) -> dict[str, cb.Quantity]:
@@ -226,7 +223,6 @@ def identifiability(
     noises: Annotated[
         int | None, Option("Measurements that each width is averaged over; default: 13.", min=0, max=10_000)
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Map the relative width of G_s and a that a lab would get with its own errors.
 
@@ -247,7 +243,7 @@ def identifiability(
         else:
             short, parts, files = _map_of_membrane(known, errors, unknown.expected(sheet), points)
         model_line = model_words(short["model"], short["model_sha256"])
-        conclude(short, [*parts, model_line], files, out=out, as_json=as_json)
+        conclude(short, [*parts, model_line], files, out=out)
 
 
 Mapped = tuple[dict[str, Any], "Parts", dict[str, Writer]]
@@ -381,7 +377,6 @@ def flow(
         int, Option("Capsules to simulate at the best flow rate, to try the predicted width.", min=0, max=10_000)
     ] = 0,
     seed: Seed = 1,
-    as_json: AsJson = False,
 ) -> None:
     """Choose the flow rate: the smallest expected width of G_s below the limit of existence.
 
@@ -409,7 +404,7 @@ def flow(
             "flow.png": figure_file(figure),
         }
         model_line = model_words(design.lab["model"], design.lab["model_sha256"], design.seed)
-        conclude(result, [*parts, model_line], files, out=out, as_json=as_json, status=design.status)
+        conclude(result, [*parts, model_line], files, out=out, status=design.status)
 
 
 Designed = tuple["FlowDesign | MembraneFlowDesign", dict[str, Any], "Parts", Callable[[], "Figure"]]

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import capsbayes as cb
 from capsbayes.cli.command import Option, Options, Reads, Writes, command
-from capsbayes.cli.options import AsJson, DatabaseName, Scheduler, Workers
-from capsbayes.cli.output import conclude, print_json, table_file, waiting
+from capsbayes.cli.options import DatabaseName, Scheduler, Workers
+from capsbayes.cli.output import conclude, table_file, tell, waiting
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together
-from capsbayes.report.files import Writer, figure_file, json_file
+from capsbayes.report.files import figure_file, json_file
 from capsbayes.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from capsbayes.physics.simulator import Snapshot
-    from capsbayes.surrogate.plane import LeaveOneOut
 
 CapillaryNumber = Annotated[float, Option("Capillary number mu U / G_s.", "--ca")]
 SizeRatio = Annotated[float, Option("Size ratio a/l: radius at rest over the half width of the channel.")]
@@ -43,12 +41,12 @@ _ROWS = (
     ("sigma l / U", "wrinkling_rate", "growth of wrinkles about the axis; the shape is the smooth one"),
 )
 _USUAL = {"pre_inflation": 0.0, "corner_radius": 0.0, "section_aspect": 1.0, "rest_aspect": 1.0}
-_COLUMNS = {
-    "time": "U t / l",
-    "axial_extent": "L_z / l",
-    "axial_length": "L_a / l",
-    "velocity_ratio": "v_o / U",
-    "speed": "speed / U",
+_COLUMNS = {  # heading and digits of what is printed of a snapshot
+    "time": ("U t / l", ".4g"),
+    "axial_extent": ("L_z / l", ".4f"),
+    "axial_length": ("L_a / l", ".4f"),
+    "velocity_ratio": ("v_o / U", ".4f"),
+    "speed": ("speed / U", ".1e"),
 }
 
 
@@ -93,7 +91,6 @@ def simulate(
     settings: SimulatorOptions,
     paraview: Annotated[Path | None, Writes("Write the membrane to a .vtu file for ParaView.", ".vtu")] = None,
     plot: Plot = None,
-    as_json: AsJson = False,
 ) -> None:
     """Simulate one capsule from its capillary number and size.
 
@@ -102,12 +99,7 @@ def simulate(
     simulator = settings.simulator()
     with waiting("Following the branch of steady states ..."):
         state = simulator.run(capillary_number=capillary_number, size_ratio=size_ratio)
-    if as_json:
-        print_json(state.as_dict())
-    else:
-        _print_state(state)
-    if not state.status.ok:
-        raise typer.Exit(1)
+    conclude(state.as_dict(), _state_parts(state), good=state.status.ok)
     with together():
         if paraview is not None:
             state.save(paraview)
@@ -117,21 +109,22 @@ def simulate(
             figure_file(lambda: shape_figure(state), dpi=160)(plot)
 
 
-def _print_state(state: cb.SteadyState) -> None:
-    from capsbayes.report.tables import print_parts, table
+def _state_parts(state: cb.SteadyState) -> Iterator[str | pd.DataFrame]:
+    """Yield what is printed of a steady state."""
+    from capsbayes.report.tables import table
 
     settings, summary = state.settings, state.as_dict()
     unusual = [f" of the {settings['bending_energy']}"] if "bending_energy" in settings else []
     unusual += [f", {key.replace('_', ' ')} {settings[key]:g}" for key in _USUAL if settings[key] != _USUAL[key]]
-    words = (
+    yield (
         f"Ca = {state.capillary_number:g}, a/l = {state.size_ratio:g}, {settings['law']}, {settings['cross_section']} "
         f"cross-section, refinement {settings['refinement']}, bending {settings['bending']:g}" + "".join(unusual)
     )
-    print_parts(words, summary["message"])
+    yield summary["message"]
     if state.status.ok:
-        known = [(symbol, summary[key], meaning) for symbol, key, meaning in _ROWS if summary[key] is not None]
-        rows = [(symbol, f"{value:.4f}", meaning) for symbol, value, meaning in known]
-        print_parts(table(("", "", ""), rows, numbers=(1,)))
+        known = ((symbol, summary[key], meaning) for symbol, key, meaning in _ROWS)
+        rows = [(symbol, f"{value:.4f}", meaning) for symbol, value, meaning in known if value is not None]
+        yield table(("", "", ""), rows, numbers=(1,))
 
 
 @command
@@ -148,15 +141,15 @@ def transient(
         Path | None, Writes("Write the membranes to a .pvd file for ParaView.", ".pvd", next_to=("{stem}-*.vtu",))
     ] = None,
     plot: Plot = None,
-    as_json: AsJson = False,
 ) -> None:
     """Follow one capsule from rest and print its lengths and velocity over time.
 
     The run ends before `until` once the capsule is steady. Exit status: 0 done, 2 bad input.
     """
     from capsbayes.physics.simulator import save_series
-    from capsbayes.report.tables import print_parts
+    from capsbayes.physics.transient import STEADY
     from capsbayes.report.tables import table as rendered
+    from capsbayes.run import progress_bar
 
     simulator: Any = settings.simulator()
     way = simulator.transient(
@@ -167,13 +160,20 @@ def transient(
         scheme=scheme,
         viscosity_ratio=viscosity_ratio,
     )
-    snapshots = _followed(way, until)
-    numbers = [_numbers(snapshot) for snapshot in snapshots]
-    shown = rendered(list(_COLUMNS.values()), map(_row, numbers), numbers=range(len(_COLUMNS)))
-    if as_json:
-        print_json([dict(zip(_COLUMNS, row, strict=True)) for row in numbers])
-    else:
-        print_parts(shown, _end(snapshots[-1]))
+    snapshots = []
+    with progress_bar(until, "l / U") as update:
+        for snapshot in way:
+            snapshots.append(snapshot)
+            update(snapshot.time)
+    rows = [
+        {name: float(getattr(each.profile if "axial" in name else each, name)) for name in _COLUMNS}
+        for each in snapshots
+    ]
+    cells = ([f"{row[name]:{digits}}" for name, (_, digits) in _COLUMNS.items()] for row in rows)
+    shown = rendered([head for head, _ in _COLUMNS.values()], cells, numbers=range(len(_COLUMNS)))
+    speed = snapshots[-1].speed
+    moving = f"Not yet steady: the fastest node moves at {speed:.2g} U, seen from the centroid."
+    conclude(rows, [shown, "Steady." if speed < STEADY else moving])
     with together():
         if table is not None:
             table_file(shown, header=list(_COLUMNS), index=False)(table)
@@ -183,38 +183,6 @@ def transient(
             from capsbayes.report.simulation import transient_figure
 
             figure_file(lambda: transient_figure(_chosen(snapshots)), dpi=160)(plot)
-
-
-def _followed(way: Iterator[Snapshot], until: float) -> list[Snapshot]:
-    """Return all snapshots; show a progress bar on a terminal."""
-    from capsbayes.run import progress_bar
-
-    snapshots = []
-    with progress_bar(until, "l / U") as update:
-        for snapshot in way:
-            snapshots.append(snapshot)
-            update(snapshot.time)
-    return snapshots
-
-
-def _numbers(snapshot: Snapshot) -> tuple[float, ...]:
-    """Return the numbers of `_COLUMNS`."""
-    profile = snapshot.profile
-    numbers = snapshot.time, profile.axial_extent, profile.axial_length, snapshot.velocity_ratio, snapshot.speed
-    return tuple(map(float, numbers))
-
-
-def _row(numbers: tuple[float, ...]) -> list[str]:
-    time, *ratios, speed = numbers
-    return [f"{time:.4g}", *(f"{ratio:.4f}" for ratio in ratios), f"{speed:.1e}"]
-
-
-def _end(last: Snapshot) -> str:
-    from capsbayes.physics.transient import STEADY
-
-    if last.speed < STEADY:
-        return "Steady."
-    return f"Not yet steady: the fastest node moves at {last.speed:.2g} U, seen from the centroid."
 
 
 def _chosen(snapshots: list[Snapshot]) -> list[Snapshot]:
@@ -245,7 +213,6 @@ def build(
     compare: Annotated[
         int | None, Option("Refinement on which five cases are run again, to keep the mesh's error.")
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Simulate many cases and write one database; a second run continues where the first stopped.
 
@@ -262,15 +229,9 @@ def build(
     database = cb.build_database(simulator, chosen, out=out, effect=effect, values=varied, **how)
     seconds = round(perf_counter() - begin, 1)
     summary = {"file": str(out)} | database.as_dict() | {"seconds": seconds}
-    if as_json:
-        print_json(summary)
-    else:
-        typer.echo(f"{out}: {len(database)} cases in {seconds} s")
-        for name, count in summary["statuses"].items():
-            typer.echo(f"{count:6d}  {Status[name]}")
-        typer.echo(f"sha256  {database.sha256}")
-    if not len(database.converged):
-        raise typer.Exit(1)
+    statuses = [f"{count:6d}  {Status[name]}" for name, count in summary["statuses"].items()]
+    lines = [f"{out}: {len(database)} cases in {seconds} s", *statuses, f"sha256  {database.sha256}"]
+    tell(summary, *lines, good=len(database.converged) > 0)
 
 
 def _chosen_cases(cases: Path | None, grid: str | None) -> list[tuple[float, float]]:
@@ -299,7 +260,6 @@ def _values(effect: str | None, text: str | None) -> list[float]:
 def atlas(
     database: DatabaseName,
     out: Annotated[Path, Writes("Folder for the pictures.", within=("*.png",))] = Path("atlas"),
-    as_json: AsJson = False,
 ) -> None:
     """Draw what a database covers: its cases and borders, velocities, lengths and shapes."""
     from capsbayes.report.database import atlas as figures_of
@@ -307,23 +267,15 @@ def atlas(
     from capsbayes.run import resumable
 
     whole = cb.Database.open(database)
-    with resumable(out), waiting("Drawing ..."):
-        figures = figures_of(whole)
-        paths = [out / f"{name}.png" for name in figures]
-        with together():
-            for path, figure in zip(paths, figures.values(), strict=True):
-                write_figure(figure, path)
-    if as_json:
-        files = [{"file": str(path), "bytes": path.stat().st_size} for path in paths]
-        counts = {"cases": len(whole), "converged": len(whole.converged)}
-        print_json({"sha256": whole.sha256, **counts, "files": files})
-        return
-    typer.echo(f"{len(whole.converged)} of {len(whole)} cases with a steady state")
-    for path in paths:
-        typer.echo(f"  {path}  {path.stat().st_size / 1000:.0f} kB")
-
-
-Studies = dict[str, list["LeaveOneOut"]]
+    with resumable(out), waiting("Drawing ..."), together():
+        paths = [write_figure(figure, out / f"{name}.png") for name, figure in figures_of(whole).items()]
+    files = {str(path): path.stat().st_size for path in paths}
+    done, listed = len(whole.converged), [{"file": name, "bytes": size} for name, size in files.items()]
+    tell(
+        {"sha256": whole.sha256, "cases": len(whole), "converged": done, "files": listed},
+        f"{done} of {len(whole)} cases with a steady state",
+        *(f"  {name}  {size / 1000:.0f} kB" for name, size in files.items()),
+    )
 
 
 @command
@@ -332,64 +284,45 @@ def validate(
     out: Annotated[
         Path | None, Writes("Folder for the heat maps and the table.", within=("validation.json", "errors-*.png"))
     ] = None,
-    as_json: AsJson = False,
 ) -> None:
     """Hold out one case at a time, and identify it from its two lengths."""
+    import pandas as pd
+
     from capsbayes.report.database import heat_maps
     from capsbayes.run import resumable
-    from capsbayes.surrogate.plane import even_subset, validate_forward_map, validate_inverse
+    from capsbayes.surrogate import plane
 
     whole = cb.Database.open(database)
     if whole.effect != "none":
         raise InputError("validate", "database", "one over Ca and a/l alone", f"one that varies {whole.effect} as well")
-    sets = {"all": whole, "even": even_subset(whole)}
+    sets = {"all": whole, "even": plane.even_subset(whole)}
     with resumable(out):
         with waiting("Holding out one case at a time ..."):
-            studies = {name: [validate_inverse(cases), validate_forward_map(cases)] for name, cases in sets.items()}
-        errors = _errors(studies, whole.sha256)
-        files: dict[str, Writer] = {"validation.json": json_file(errors)}
-        for name, pair in studies.items():
-            files[f"errors-{name}.png"] = figure_file(partial(heat_maps, *pair), dpi=150)
-        conclude(errors, [_error_table(studies)], files, out=out, as_json=as_json)
+            pairs = {name: (plane.validate_inverse(of), plane.validate_forward_map(of)) for name, of in sets.items()}
+        rows = []
+        for name, pair in pairs.items():
+            for study, which in product(pair, plane.CHOICES):
+                summary, row = study.summary(which), {"set": name, "method": study.method, "which": which}
+                figures = {figure: getattr(summary, figure) for figure in ("mean", "sd", "median")}
+                of_parameters: Any = pd.DataFrame(figures, index=plane.PARAMETERS).to_dict(orient="index")
+                rows.append(row | {"count": summary.cases, "failed": summary.failed} | of_parameters)
+        paper = {key: dict(zip(plane.PARAMETERS, values, strict=True)) for key, values in plane.PAPER_ERRORS.items()}
+        errors = {"sha256": whole.sha256, "stretch_limit": plane.STRETCH_LIMIT, "relative_errors": rows, "paper": paper}
+        maps = {f"errors-{name}.png": figure_file(partial(heat_maps, *pair), 150) for name, pair in pairs.items()}
+        conclude(errors, [_error_table(rows)], {"validation.json": json_file(errors)} | maps, out=out)
 
 
-def _errors(studies: Studies, sha256: str) -> dict[str, Any]:
-    from capsbayes.surrogate.plane import PAPER_ERRORS, PARAMETERS, STRETCH_LIMIT
-
-    rows = []
-    for name, study, which in _each(studies):
-        summary = study.summary(which)
-        row: dict[str, Any] = {"set": name, "method": study.method, "which": which}
-        row |= {"count": summary.cases, "failed": summary.failed}
-        for k, parameter in enumerate(PARAMETERS):
-            row[parameter] = {figure: float(getattr(summary, figure)[k]) for figure in ("mean", "sd", "median")}
-        rows.append(row)
-    paper = {key: dict(zip(PARAMETERS, values, strict=True)) for key, values in PAPER_ERRORS.items()}
-    return {"sha256": sha256, "stretch_limit": STRETCH_LIMIT, "relative_errors": rows, "paper": paper}
-
-
-def _error_table(studies: Studies) -> pd.DataFrame:
+def _error_table(errors: list[dict[str, Any]]) -> pd.DataFrame:
     from capsbayes.report.tables import Symbols, table
-    from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS
+    from capsbayes.surrogate.plane import CHOICES, PAPER_ERRORS, PARAMETERS
 
     rows = []
-    for name, study, which in _each(studies):
-        summary = study.summary(which)
-        lost = f", {summary.failed} lost" if summary.failed else ""
-        cases = f"{summary.cases} {name if which == 'all' else CHOICES[which]}{lost}"
-        rows.append((cases, study.method, *_percent(summary.mean, summary.sd, digits=2)))
-    published = _percent(PAPER_ERRORS["mean"], PAPER_ERRORS["sd"], digits=1)
-    rows.append((CHOICES["stretched"], "as published", *published))
+    for row in errors:
+        lost = f", {row['failed']} lost" if row["failed"] else ""
+        cases = f"{row['count']} {row['set'] if row['which'] == 'all' else CHOICES[row['which']]}{lost}"
+        figures = (row[parameter] for parameter in PARAMETERS)
+        rows.append([cases, row["method"], *(f"{100 * of['mean']:.2f} ± {100 * of['sd']:.2f}" for of in figures)])
+    published = (f"{100 * mean:.1f} ± {100 * sd:.1f}" for mean, sd in zip(*PAPER_ERRORS.values(), strict=True))
+    rows.append([CHOICES["stretched"], "as published", *published])
     head = ("cases", "method", *map(Symbols, ("Ca", "a/l", "v_o/U")))
     return table(head, rows, title="Leave-one-out: relative error, mean ± sd [%]", numbers=(2, 3, 4))
-
-
-def _each(studies: Studies) -> Iterator[tuple[str, LeaveOneOut, str]]:
-    """Yield the name of the set, the study, and each choice of its cases."""
-    from capsbayes.surrogate.plane import CHOICES
-
-    yield from ((name, study, which) for name, pair in studies.items() for study in pair for which in CHOICES)
-
-
-def _percent(means: Iterable[float], sds: Iterable[float], *, digits: int) -> list[str]:
-    return [f"{100 * mean:.{digits}f} ± {100 * sd:.{digits}f}" for mean, sd in zip(means, sds, strict=True)]
