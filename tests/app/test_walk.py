@@ -153,28 +153,30 @@ def test_a_folder_that_is_dropped_becomes_a_population_and_no_file_counts_twice(
     with served(tmp_path / "bench") as (_, address):
         page, said = opened(browser, address)
         filled(page, FIELDS | {"Or flow rate in the channel": ("0.5625", "0.006")})
-        picture = base64.b64encode((EXAMPLES / "capsule.png").read_bytes()).decode()
-        names = ["one.png", "again.png", "notes.txt"]
-        page.evaluate(DROPPED, [picture, names])
+        picture = cv2.imread(str(EXAMPLES / "capsule.png"), cv2.IMREAD_GRAYSCALE)
+        one, other = (base64.b64encode(cv2.imencode(".png", each)[1]).decode() for each in (picture, picture[::-1]))
+        page.evaluate(DROPPED, {"one.png": one, "again.png": one, "other.png": other, "notes.txt": one})
         page.get_by_text(re.compile("was given before, as (one|again), and is left out")).wait_for()
-        sync.expect(page.locator(".bench-many .bench-file")).to_have_count(1)
+        sync.expect(page.locator(".bench-many .bench-file")).to_have_count(2)
         tabbed(page, ready(page.get_by_role("button", name="Measure them all")))
         page.keyboard.press("Enter")
-        page.get_by_text("1 capsule in").wait_for()
+        page.get_by_text("2 capsules in").wait_for()
         tabbed(page, ready(page.get_by_role("button", name="Look at all together")))
         page.keyboard.press("Enter")
         page.get_by_role("link", name="Open population.html").wait_for()
-        page.frame_locator("iframe.bench-page").get_by_text("1 capsule").first.wait_for()
+        page.frame_locator("iframe.bench-page").get_by_text("2 capsules").first.wait_for()
         page.get_by_text("List of them").click()
-        page.get_by_role("button", name=re.compile("Remove .* from all capsules")).click()
-        page.get_by_text("0 capsules in").wait_for()
+        page.get_by_role("button", name="Remove other from all capsules").click()
+        page.get_by_text("1 capsule in").wait_for()
         assert said == []
         page.close()
 
 
-DROPPED = """([picture, names]) => {
-  const bytes = Uint8Array.from(atob(picture), (letter) => letter.charCodeAt(0));
-  const files = names.map((name) => ({ name, isFile: true, file: (found) => found(new File([bytes], name)) }));
+DROPPED = """(pictures) => {
+  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  const files = Object.entries(pictures).map(([name, text]) => (
+    { name, isFile: true, file: (found) => found(new File([bytes(text)], name)) }
+  ));
   let some = [files, []];
   const folder = { name: "batch", isFile: false, isDirectory: true };
   folder.createReader = () => ({ readEntries: (found) => found(some.shift()) });
@@ -385,6 +387,7 @@ def test_a_capsule_of_a_film_is_identified_as_its_commands_say_and_leads_to_the_
         for line in (identify, report):
             assert subprocess.run([SCRIPT, *shlex.split(line)[1:]], cwd=folder, check=False).returncode == 0
         assert {path: path.read_bytes() for path in saved} == saved
+        shutil.copytree(tmp_path / "bench" / "film", tmp_path / "bench" / "another")
         ready(flow).click()
         page.get_by_text("--like film/capsule-1/measurement.toml").wait_for()
         assert page.get_by_text("The expected capsule reaches the limit of existence").is_visible()

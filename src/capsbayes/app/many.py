@@ -244,7 +244,7 @@ class PopulationStep:
         found = {path.parent for path in bench.glob(f"*/**/{MEASUREMENT}")}
         count = len(found)
         self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {bench}."
-        self._together.enabled = count > 0 and not working
+        self._together.enabled = count > 1 and not working
         self._flow.enabled = self._last is not None and not working
         self._diagnose.enabled = count >= _ENOUGH and not working
         self._diagnose.text = "What does the model miss?" + f" from {_ENOUGH} capsules on" * (count < _ENOUGH)
