@@ -1,9 +1,10 @@
 """Renew what a page shows of its commands: ``python -m evidence.pages docs/membrane.md``.
 
-The commands of the page run one after the other in a new folder with the examples and the data; of those whose output
-is shown, with ``--only WORD``, the ones that have the word. In the block after a command, each stretch between lines of
-three dots is replaced by as many lines of what was printed, from the line that differs from its first in numbers alone.
-What changes is told; lines of other words, and stretches that are not printed any more, are marked to be looked at.
+The commands of the page run one after the other in a new folder with the examples, the evidence and the data; of those
+whose output is shown, with ``--only WORD``, the ones that have the word. In the block after a command, each stretch
+between lines of three dots is replaced by as many lines of what was printed, from the line that differs from its first
+in numbers alone. What changes is told; lines of other words, and stretches that are not printed any more, are marked to
+be looked at.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def renew(given: argparse.Namespace) -> int:
     text = given.page.read_text()
     found = list(BLOCK.finditer(text))
     with tempfile.TemporaryDirectory() as folder:
-        for there in ("examples", "data"):
+        for there in ("examples", "data", "evidence"):
             (Path(folder) / there).symlink_to(ROOT / there)
         places = list(_renewed_places(found, given.only, folder))
     for begin, end, new in reversed(places):

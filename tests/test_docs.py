@@ -134,7 +134,7 @@ def scripted(tmp_path_factory):
     @functools.cache
     def made(name):
         folder, printed = tmp_path_factory.mktemp("page"), {}
-        for there in ("examples", "data"):
+        for there in ("examples", "data", "evidence"):
             (folder / there).symlink_to(ROOT / there)
         shown = (text for language, text in blocks(ROOT / "docs" / name) if language == "sh")
         for words in (words for text in shown for words in lines_of(text) if words[0] == "python"):
