@@ -29,7 +29,7 @@ from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
 from capsbayes.report.numbers import value_words
 from capsbayes.report.page import picture as figure_html
-from capsbayes.report.posterior_figures import SHOWN, corner_plot, density_figure, on_picture
+from capsbayes.report.posterior_figures import SHOWN, corner_of_few, density_figure, on_picture
 from capsbayes.report.tables import html_table, typeset
 from capsbayes.report.write import opened, write_report
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
@@ -75,7 +75,7 @@ def corner(folder: str, stated: Stated) -> str:
     """Return the corner plot of an identified capsule as HTML."""
     with contextlib.chdir(folder):
         posterior = _answer(folder, stated).posterior
-    return str(figure_html(corner_plot(posterior), "corner plot of the posterior", png=True))
+    return str(figure_html(corner_of_few(posterior), "corner plot of the posterior", png=True))
 
 
 def saved(folder: str, stated: Stated) -> list[str]:
