@@ -33,7 +33,7 @@ def exam(given: argparse.Namespace) -> int:
     if given.half == "locked":
         check_frozen(given.out)
     shapes = dict.fromkeys(cell.shapes for cell in chosen)
-    build_pools(shapes, given.pools, workers=given.workers, further=given.further_shapes)
+    build_pools(shapes, given.pools, given.half, workers=given.workers, further=given.further_shapes)
     examine(chosen, given.pools, given.out, half=given.half, workers=given.workers, tell=tell)
     answers = {half: stored(cells, given.pools, given.out, half=half) for half in HALVES}
     write_file(page, exam_page(cells, answers))

@@ -200,11 +200,11 @@ def examine(
     make_folder(folder)
     with only_run(folder), keeping(folder):
         code = code_digest()
-        works = {cell.name: _work_of(cell, pools) for cell in cells}
+        works = {cell.name: _work_of(cell, pools, half) for cell in cells}
         known = {cell.name: _read(folder, cell, works[cell.name]) for cell in cells}
         for start, end in _rounds(max((cell.sessions for cell in cells), default=0)):
             tasks = [
-                partial(_one, cell, begin + seed, pools, _records(folder, cell), works[cell.name], code)
+                partial(_one, cell, begin + seed, pools, half, _records(folder, cell), works[cell.name], code)
                 for seed in range(start, end + 1)
                 for cell in cells
                 if seed <= cell.sessions and begin + seed not in known[cell.name]
@@ -222,7 +222,9 @@ def stored(cells: Sequence[Cell], pools: Path, out: Path, *, half: str = "develo
     # The pool of a cell without answers need not be there.
     folder = out / half
     return {
-        cell.name: _read(folder, cell, _work_of(cell, pools)) for cell in cells if _records(folder, cell).path.exists()
+        cell.name: _read(folder, cell, _work_of(cell, pools, half))
+        for cell in cells
+        if _records(folder, cell).path.exists()
     }
 
 
@@ -234,22 +236,22 @@ def _rounds(last: int) -> Iterator[tuple[int, int]]:
         start, end = end + 1, 2 * end
 
 
-def _one(cell: Cell, seed: int, pools: Path, records: Records, work: str, code: str) -> None:
+def _one(cell: Cell, seed: int, pools: Path, half: str, records: Records, work: str, code: str) -> None:
     store = Store(records.path.parent, digest_of(work, code))
     with steps_kept(store, f"{records.path.stem}-{seed}"):
-        answer = answer_session(cell, seed, _shapes(pools, *cell.shapes), _model())
+        answer = answer_session(cell, seed, _shapes(pools, *cell.shapes, half), _model())
     records.add({"seed": seed, **asdict(answer), "work": work, "code": code})
 
 
-def _work_of(cell: Cell, pools: Path) -> str:
+def _work_of(cell: Cell, pools: Path, half: str) -> str:
     """Return a hash of what the answers of a cell depend on, the seed excepted."""
     same = replace(cell, name="", sessions=0, clear=False, own={})  # whose code the hash of their file stands for
-    return digest_of(__version__, same, _shapes(pools, *cell.shapes).sha256, _model())
+    return digest_of(__version__, same, _shapes(pools, *cell.shapes, half).sha256, _model())
 
 
 @lru_cache(maxsize=4)
-def _shapes(pools: Path, effect: str, size: float) -> Database:
-    return read_pool(pools, effect, size)
+def _shapes(pools: Path, effect: str, size: float, half: str) -> Database:
+    return read_pool(pools, effect, size, half)
 
 
 @lru_cache(maxsize=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from capsbayes.effects import catalogue
 from capsbayes.errors import InputError
 from capsbayes.model import Effect
 from capsbayes.physics.build import Cases, build_database
+from evidence.exam.foreign import FOREIGN, LAWS, PATTERN, SmoothNoise
 
 # Pools of shapes: one database for each effect and size
 
@@ -41,18 +43,25 @@ _SIZES: dict[str, tuple[float, ...]] = {
     "strain_hardening": (0.3, 0.8),
     "unsteadiness": (0.7, 1.5),
     "hooke_share": (1.0,),
+    **dict.fromkeys(LAWS, (1.0,)),
 }
 
-BLOCKS = MappingProxyType({("none", 0.0): 10})
-"""Number of files of a pool, if more than one: the first is a lattice, the further ones are at random places."""
+_PLAIN_BLOCKS = 10
 
-POOLS = MappingProxyType({(effect, size): TRUE_EFFECTS[effect] for effect, sizes in _SIZES.items() for size in sizes})
+_EFFECTS = {**TRUE_EFFECTS, PATTERN.name: PATTERN, **{name: effect for name, (effect, _) in FOREIGN.items()}}
+POOLS = MappingProxyType({(effect, size): _EFFECTS[effect] for effect, sizes in _SIZES.items() for size in sizes})
 """True effect of each pool, by its name and size."""
 
 
+def blocks_of(effect: str, size: float, half: str) -> range:
+    """Return the numbers of the files of a pool; no place of a half is one of the other."""
+    return range(_FIRST_BLOCK[half], _FIRST_BLOCK[half] + (1 if size else _PLAIN_BLOCKS))
+
+
 def pool_name(effect: str, size: float, block: int = 0) -> str:
-    """Return the name of a pool's file, or of one of its further files, without its ending."""
-    return f"{effect.replace('_', '-')}-{size:g}" + (f"-block-{block}" if block else "")
+    """Return the name of one of a pool's files without its ending."""
+    words = re.sub("[^a-z0-9]+", "-", effect.lower())
+    return f"{words}-{size:g}" + (f"-block-{block}" if block else "")
 
 
 def pool_cases(block: int = 0) -> Cases:
@@ -73,16 +82,14 @@ def _between(places: tuple[float, ...], rng: np.random.Generator, digits: int) -
     return [round(float(low * (high / low) ** (part / len(places))), digits) for part in parts]
 
 
-def read_pool(folder: Path, effect: str, size: float) -> Database:
-    """Return all shapes of a pool in a folder, as far as its files are there."""
-    names = [pool_name(effect, size, block) for block in range(BLOCKS.get((effect, size), 1))]
-    first, *further = [folder / f"{name}.nc" for name in names]
-    pool = Database.read(first)
-    more = [Database.read(path).dataset.isel(border=slice(0)) for path in further if path.exists()]
-    if not more:
-        return pool
+def read_pool(folder: Path, effect: str, size: float, half: str) -> Database:
+    """Return all shapes of a half's pool in a folder, as far as its files are there."""
+    paths = [folder / f"{pool_name(effect, size, block)}.nc" for block in blocks_of(effect, size, half)]
+    parts = [Database.read(path) for path in paths if path.exists() or path == paths[0]]
+    if len(parts) == 1:
+        return parts[0]
     whole = xr.concat(
-        [pool.dataset.isel(border=slice(0)), *more],
+        [part.dataset.isel(border=slice(0)) for part in parts],
         "case",
         data_vars="minimal",
         coords="minimal",
@@ -93,13 +100,13 @@ def read_pool(folder: Path, effect: str, size: float) -> Database:
 
 
 def build_pools(
-    names: Iterable[tuple[str, float]], folder: Path, *, workers: int | None = None, further: bool = False
+    names: Iterable[tuple[str, float]], folder: Path, half: str, *, workers: int | None = None, further: bool = False
 ) -> None:
-    """Build those of some pools, named by keys of `POOLS`, that a folder lacks."""
+    """Build those of some pools of a half, named by keys of `POOLS`, that a folder lacks."""
     # The further files of a pool are built only if they are asked for; pools of other settings or cases are refused.
     for effect, size in names:
         simulator = simulator_with(POOLS[effect, size], size)
-        for block in range(BLOCKS.get((effect, size), 1) if further else 1):
+        for block in blocks_of(effect, size, half)[: None if further else 1]:
             path, cases = folder / f"{pool_name(effect, size, block)}.nc", pool_cases(block)
             if not path.exists():
                 build_database(simulator, cases, out=path, workers=workers, compact=True)
@@ -160,16 +167,16 @@ def drawn_lab(rng: np.random.Generator, *, flow_rates: bool | None = None) -> tu
 
 def drawn_noise(rng: np.random.Generator) -> Noise:
     """Draw errors of measurement that differ from what is stated of them."""
-    return Noise(
+    noise = Noise(
         scale=float(rng.uniform(*_SCALES)),
         correlation_length=float(rng.uniform(*_LENGTHS)),
         velocity=float(rng.uniform(*_FLOW_RATE_ERRORS)),
         understated=_log_uniform(rng, _MISSTATED),
         freedom=_TAILS[int(rng.integers(len(_TAILS)))],
         points=int(rng.integers(*_POINTS)),
-        kernel=("exponential", "squared exponential")[int(rng.integers(2))],
         longer=_log_uniform(rng, _MISSTATED),
     )
+    return SmoothNoise(**vars(noise)) if rng.integers(2) else noise
 
 
 def _log_uniform(rng: np.random.Generator, ends: tuple[float, float]) -> float:
@@ -178,10 +185,12 @@ def _log_uniform(rng: np.random.Generator, ends: tuple[float, float]) -> float:
 
 # Cells
 
-HALVES = {"locked": 1, "development": 0}
-"""Halves of the exam in the order of their page, and which of the two ranges of seeds each has."""
+HALVES = {"locked": 5, "development": 4}
+"""Halves of the exam in the order of their page, and which range of seeds each has; no range is used twice."""
 
-_SESSIONS, _NULL_SESSIONS, _UNKNOWN_SESSIONS = 6, 60, 22  # those with a bound of their own, enough to meet it
+_FIRST_BLOCK = {"locked": 20, "development": 0}
+
+_SESSIONS, _NULL_SESSIONS, _OUTSIDE_SESSIONS = 6, 207, 13  # some 213 of each third
 _DRAWN = {  # a small and a large size of faults that are not simulated; see `_IN_SI`
     "halo": (0.008, 0.02),
     "exposure": (0.02, 0.05),
@@ -243,6 +252,7 @@ class Cell:
     removed: tuple[str, ...] = ()  # effects taken out of the catalogue
     outline: bool = True  # False if lengths alone are measured
     clear: bool = False
+    counted: bool = True  # in shares of all sessions; a smooth random pattern is what the diagnosis itself assumes
     also: tuple[tuple[str, float], ...] = ()  # further true effects and their sizes
     flow_rates: bool | None = None  # whether the labs state flow rates; None if half of them do
     own: Mapping[str, Effect] = field(default_factory=dict)  # effects of a user's own, tried as well
@@ -269,7 +279,7 @@ class Cell:
 
     def true_effect(self, lab: Lab) -> TrueEffect:
         """Return all true effects combined; the size is that of `effect`."""
-        combined = true_effect_of(self.own[self.effect]) if self.effect in self.own else TRUE_EFFECTS[self.effect]
+        combined = true_effect_of(self.own[self.effect]) if self.effect in self.own else _EFFECTS[self.effect]
         for name, size in self.also:
             combined = combined.combined(TRUE_EFFECTS[name], _in_si(name, size, lab))
         return combined
@@ -298,7 +308,7 @@ def _cells() -> list[Cell]:
         Cell("nothing", "none", 0.0, True, _NULL_SESSIONS),
         Cell("nothing, lengths alone", "none", 0.0, True, outline=False),
     ]
-    simulated = [pair for pair in POOLS if pair[0] != "none"]
+    simulated = [pair for pair in POOLS if pair[0] not in ("none", *LAWS)]
     drawn = [(effect, size) for effect, sizes in _DRAWN.items() for size in sizes]
     cells += [
         Cell(_shown(*pair), *pair, True, clear=pair[1] in _CLEAR.get(pair[0], ())) for pair in (*simulated, *drawn)
@@ -309,10 +319,11 @@ def _cells() -> list[Cell]:
         for first, second in _PAIRS
     ]
     cells += [
-        Cell(f"{_shown(*pair)}, not in the catalogue", *pair, False, _UNKNOWN_SESSIONS, removed=pair[:1])
+        Cell(f"{_shown(*pair)}, not in the catalogue", *pair, False, _OUTSIDE_SESSIONS, removed=pair[:1])
         for pair in _TAKEN_OUT
     ]
-    cells += [Cell(f"pattern {size:g}", "pattern", size, False, _UNKNOWN_SESSIONS) for size in (0.01, 0.02)]
+    cells += [Cell(name, name, size, False, _OUTSIDE_SESSIONS) for name, (_, size) in FOREIGN.items()]
+    cells += [Cell(f"pattern {size:g}", "pattern", size, False, counted=False) for size in (0.01, 0.02)]
     return cells
 
 

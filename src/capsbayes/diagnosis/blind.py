@@ -50,8 +50,12 @@ class Noise:
     understated: float = 1.0  # true standard deviation over the stated one
     freedom: float | None = None  # of Student's t, which scales the errors of whole capsules; None for Gaussian errors
     points: int = 48  # vertices of a measured outline
-    kernel: str = "exponential"  # of the errors, as the likelihood assumes; or "squared exponential"
     longer: float = 1.0  # true correlation length over the stated one
+
+    def correlation(self, apart: Floats, perimeter: float) -> Floats:
+        """Return the correlations of errors at distances along a closed arc, as the likelihood assumes them."""
+        length = self.correlation_length * self.longer
+        return np.asarray(np.exp(-np.minimum(apart, perimeter - apart) / length))
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,6 @@ class Lab:
 # Changes of an outline by a microscope, as plane geometry; outlines are (p, 2) arrays
 
 _ROUND = 64  # segments of a quarter of a circle
-_WAVES = 6  # of the arc
 
 
 def grown(outline: Floats, distance: float) -> Floats:
@@ -153,15 +156,6 @@ def _pictured(outline: Floats, seen: Callable[[Floats], Floats]) -> Floats:
     return _edge(shapely.transform(Polygon(outline), lambda points: np.asarray(seen(points - [middle, 0.0]))))
 
 
-def smooth_pattern(outline: Floats, seed: int) -> Floats:
-    """Return displacements (p, 2) along the normals: a smooth random function of the arc of unit root mean square."""
-    cosines, sines = np.random.default_rng([seed, _WAVES]).standard_normal((2, _WAVES))
-    arc = arc_length(outline)
-    phase = 2.0 * np.pi * np.outer(arc[:-1] / arc[-1], np.arange(1, _WAVES + 1))
-    pattern = (np.cos(phase) @ cosines + np.sin(phase) @ sines) / np.sqrt(0.5 * np.sum(cosines**2 + sines**2))
-    return np.asarray(pattern[:, None] * vertex_normals(outline))
-
-
 def _edge(area: BaseGeometry) -> Floats:
     """Return the vertices of the outer edge of a polygon, counterclockwise in the plane (z, y)."""
     assert isinstance(area, Polygon), "one piece"
@@ -188,6 +182,7 @@ class Capsule:
     flow_rate: float  # [m^3/s], as the pump shows it, without random errors
     outline: Floats  # (p, 2): edge in the mid-plane as seen, over the lab's half width; columns (z, y), from the nose
     row: int = 0  # of its shape among the converged ones of the database
+    place: float = 0.0  # in the order of filming, from 0 to 1
 
     def measured(
         self,
@@ -230,25 +225,13 @@ def edge_errors(points: Floats, noise: Noise, rng: np.random.Generator) -> Float
     arc = arc_length(points)
     apart = np.abs(np.subtract.outer(arc[:-1], arc[:-1]))
     same = np.eye(len(points))
-    smooth = _correlation(apart, arc[-1], noise) if noise.correlation_length else same
+    smooth = noise.correlation(apart, arc[-1]) if noise.correlation_length else same
     smooth = smooth + _LEAST_INDEPENDENT * same
     size = noise.understated * noise.scale
     if noise.freedom is not None:
         size *= np.sqrt((noise.freedom - 2.0) / rng.chisquare(noise.freedom))
     # along the Cholesky factor: the signs of eigenvectors depend on the processor
     return np.asarray(size * (np.linalg.cholesky(smooth) @ rng.standard_normal(len(smooth))))
-
-
-def _correlation(apart: Floats, perimeter: float, noise: Noise) -> Floats:
-    """Return the correlations of errors at distances along a closed arc : array of the same shape."""
-    length = noise.correlation_length * noise.longer
-    if noise.kernel == "exponential":
-        return np.asarray(np.exp(-np.minimum(apart, perimeter - apart) / length))
-    around = np.array([-1.0, 0.0, 1.0]) * perimeter  # summed over the windings it is positive definite
-    summed, at_zero = (
-        np.exp(-0.5 * (np.add.outer(around, distance) / length) ** 2).sum(axis=0) for distance in (apart, np.zeros(()))
-    )
-    return np.asarray(summed / at_zero)
 
 
 def _lengths(seen: Profile, edge: Floats, errors: Floats) -> tuple[float, float]:
@@ -380,12 +363,6 @@ _EFFECTS = (
     TrueEffect("half_width_error", drawn=_narrower),
     TrueEffect("half_width_apart", drawn=_narrower_than_divided),
     TrueEffect("modulus_slope", lab=lambda lab, size: replace(lab, slope=size)),
-    TrueEffect(  # a displacement of root mean square `size`, common to all capsules
-        "pattern",
-        drawn=lambda capsule, size, lab, seed: replace(
-            capsule, outline=capsule.outline + size * smooth_pattern(capsule.outline, seed)
-        ),
-    ),
 )
 
 TRUE_EFFECTS = MappingProxyType({effect.name: effect for effect in _EFFECTS})
@@ -597,7 +574,11 @@ def _measured(
 ) -> BlindSession:
     """Return the session of capsules with converged shapes, given by their rows, each at a mean velocity."""
     converged = shapes.converged
-    capsules = [effect.drawn(_capsule(converged, row, speed, lab), size, lab, seed) for row, speed in pairs]
+    places = np.linspace(0.0, 1.0, len(pairs)).tolist()
+    capsules = [
+        effect.drawn(replace(_capsule(converged, row, speed, lab), place=place), size, lab, seed)
+        for place, (row, speed) in zip(places, pairs, strict=True)
+    ]
     factor = lab.stated_over_true_flow(rng)
     stated = None if factor is None else (factor, lab.flow_rate_error or 0.0)
     measurements = [
