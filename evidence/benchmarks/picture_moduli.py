@@ -232,7 +232,7 @@ def main() -> None:
     parser.add_argument("count", nargs="?", type=int, default=10, help="number of capsules (default: 10)")
     parser.add_argument("--keep", type=Path, help="file of the answers, from which an interrupted run goes on")
     given = parser.parse_args()
-    cases = read_pool(POOL_FOLDER, "none", 0.0).converged
+    cases = read_pool(POOL_FOLDER, "none", 0.0, "development").converged
     models = {way: Surrogate.open("square-neo-hookean", view=view) for way, view in WAYS.items()}
     done = completed(given.keep, ((str(n), partial(rows, cases, models, n)) for n in range(given.count)))
     numbers = {optics: range(first, given.count, len(OPTICS)) for first, optics in enumerate(OPTICS)}
