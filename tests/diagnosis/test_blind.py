@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from capsbayes.database import Database
+from capsbayes.diagnosis import blind
 from capsbayes.diagnosis.blind import (
     TRUE_EFFECTS,
     Lab,
@@ -160,6 +161,18 @@ def test_swelling_and_wrong_pixels_are_seen(square_database):
         assert np.ptp(other.outline[:, 0]) == pytest.approx(factor * np.ptp(one.outline[:, 0]))
     for one in drawn(square_database, TRUE_EFFECTS["pixel_scale"], 0.02).capsules:
         assert one.velocity_seen == pytest.approx(1.02 * one.capsule_velocity)
+
+
+def test_a_capsule_whose_edge_would_cross_itself_is_measured_once_more(square_database, monkeypatch):
+    tried = []
+
+    def errors(points, noise, rng):
+        tried.append(len(points))
+        return 0.2 * (-1.0) ** np.arange(len(points)) if len(tried) == 1 else edge_errors(points, noise, rng)
+
+    monkeypatch.setattr(blind, "edge_errors", errors)
+    session = draw_session(square_database, NONE, 0.0, lab=Lab(), capsules=3, seed=1).session
+    assert (len(session), len(tried)) == (3, 4)
 
 
 def test_unknown_names_and_too_many_capsules_are_refused(square_database):
