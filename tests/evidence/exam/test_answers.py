@@ -42,15 +42,11 @@ STATED = (
     ),
     ("limits.md", "tried", "a wrong name or set was given in {wrong} of {sessions} sessions"),
     ("limits.md", "tried", "and the 95 % interval of G_s held the truth in {held}"),
-    (
-        "limits.md",
-        "not tried",
-        "another one was named in {wrong} of {sessions}, and the interval held the truth in {held}",
-    ),
+    ("limits.md", "not tried", "another one was named in {wrong} of {sessions}."),
+    ("limits.md", "not tried", "interval of G_s held the truth in {held} of {sessions} (90 %)"),
     ("limits.md", "nothing hidden", "where nothing was hidden in {claimed} of {sessions}"),
     ("limits.md", "clear", "was named, or in a set of at most three, in {told} of {sessions}"),
-    ("limits.md", "bending 0.0006", "was missed in {none} of {sessions} sessions"),
-    ("limits.md", "exposure 0.02", "during the exposure in {none} of {sessions}"),
+    ("limits.md", "exposure 0.02", "was missed during the exposure in {none} of {sessions} sessions"),
     ("limits.md", "strain hardening 0.3", "a hardening of 0.3 in {none} of {sessions}"),
     ("limits.md", "section aspect 1.03", "a cross-section deeper by 3 % in {none} of {sessions}"),
     ("limits.md", "corner radius 0.16", "corners rounded by 0.16 l in {none} of {sessions}"),
@@ -59,12 +55,22 @@ STATED = (
         "pixel scale 0.025",
         "one effect was named in {right} of {sessions} sessions and several were in question in {several}",
     ),
-    ("limits.md", "exposure 0.05, not in the catalogue", "named as another effect in {wrong} of {sessions}"),
+    ("limits.md", "exposure 0.05, not in the catalogue", "that was not tried in {several} of {sessions} sessions"),
     (
         "limits.md",
         "rest aspect 1.075, not in the catalogue",
-        "a shape at rest that is no sphere in {wrong} of {sessions}",
+        "of a shape at rest that is no sphere in {several} of {sessions}.",
     ),
+    (
+        "limits.md",
+        "rest aspect 1.075, not in the catalogue",
+        "in {held} of {sessions} with a shape at rest that is no sphere",
+    ),
+    ("limits.md", "Hooke's law with nu_s = 1/3", "It held the truth in {held} of {sessions} with Hooke's law"),
+    ("limits.md", "hooke share 1, not in the catalogue", "in {held} of {sessions} with a share of Hooke's law"),
+    ("limits.md", "two batches", "one of which is twice as stiff, in {none} of {sessions}"),
+    ("limits.md", "viscosity that drifts", "a viscosity that drifts by 30 % in {none} of {sessions}."),
+    ("diagnosing.md", "nothing hidden", "Something was found where nothing was hidden in {claimed} of {sessions}"),
     (
         "limits.md",
         "pre inflation 0.035, not in the catalogue",
@@ -81,7 +87,7 @@ STATED = (
     ("diagnosing.md", "taper 0.004", "a taper of 0.004 was missed in {none} of {sessions}"),
     ("diagnosing.md", "taper 0.01", "one of 0.01 in {none} of {sessions}"),
     ("evidence.md", "clear", "were named, or in a set of at most three, in {told} of {sessions} sessions"),
-    ("evidence.md", "all", "a wrong one was named in {wrong} of {sessions}. All six requirements were missed"),
+    ("evidence.md", "all", "a wrong one was named in {wrong} of {sessions}. Four of nine requirements were missed"),
     ("diagnosing.md", "pre inflation 0.015", "an inflation of 1.5 % was named in {right} of {sessions} sessions"),
     ("diagnosing.md", "all", "A wrong name or set was given in {wrong} of {sessions} sessions"),
     ("diagnosing.md", "not tried", "in {wrong} of the {sessions} whose effect was none"),
@@ -116,14 +122,43 @@ def test_the_page_of_the_exam_is_that_of_the_answers(answers):
 
 def test_limits_say_how_many_requirements_were_missed(answers):
     page = exam_page(CELLS, {"locked": answers["locked"]})
-    assert page.count("| **missed** |") == 6
-    assert "missed all six of its requirements" in (DOCS / "limits.md").read_text()
+    assert page.count("| **missed** |") == 4
+    assert page.count("| met |") == 5
+    said = " ".join((DOCS / "limits.md").read_text().split())
+    assert "Of nine requirements the locked half of the [exam](../evidence/results/exam.md) met five." in said
+
+
+def test_limits_say_in_which_kinds_outside_the_catalogue_the_interval_of_g_s_is_seldom_right(answers):
+    held = {
+        cell.name: sum(
+            answer.modulus_low <= 0.0 <= answer.modulus_high for answer in answers["locked"][cell.name].values()
+        )
+        for cell in GROUPS["not tried"]
+    }
+    seldom = {name for name, count in held.items() if count < 11}
+    assert seldom == {
+        "pre inflation 0.035, not in the catalogue",
+        "hooke share 1, not in the catalogue",
+        "rest aspect 1.075, not in the catalogue",
+        "Hooke's law with nu_s = 1/3",
+    }
+    assert "in 11 of 13 or more" in (DOCS / "limits.md").read_text()
+
+
+def test_limits_say_where_a_name_was_wrong(answers):
+    wrong = [(cell.name, answer.outcome) for cell in GROUPS["all"] for answer in answers["locked"][cell.name].values()]
+    assert sorted(name for name, outcome in wrong if outcome == "wrong") == [
+        "Hooke's law with nu_s = 1/3",
+        "focus that changes",
+        "nothing, lengths alone",
+        "pixel aspect 1.04 with pre inflation 0.035",
+    ]
 
 
 GROUPS = {
-    "all": CELLS,
+    "all": [cell for cell in CELLS if cell.counted],
     "tried": [cell for cell in CELLS if cell.known],
-    "not tried": [cell for cell in CELLS if not cell.known],
+    "not tried": [cell for cell in CELLS if cell.counted and not cell.known],
     "nothing hidden": [cell for cell in CELLS if cell.null],
     "clear": [cell for cell in CELLS if cell.known and cell.clear],
 }
