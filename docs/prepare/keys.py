@@ -16,10 +16,11 @@ from capsbayes.plan.flow import FlowDesign
 from capsbayes.plan.map import lab_attributes
 from capsbayes.plan.membrane import MembraneFlowDesign
 from capsbayes.plan.sobol import SobolStudy
+from capsbayes.report.files import posterior_summary
 
 Made = Callable[..., Any]
 RESULTS: Mapping[str, tuple[Made, ...]] = {
-    "`identify`, also in `summary.json`": (Posterior.as_dict, Posterior._of_coordinates),
+    "`identify`, also in `summary.json`": (posterior_summary, Posterior.as_dict, Posterior._of_coordinates),
     "`batch`": (batch_summary,),
     "`population`, and under `hierarchy` in that of `batch`": (Hierarchy.as_dict,),
     "`membrane`, also in `membrane.json`": (SharedMembrane.as_dict,),
@@ -95,6 +96,7 @@ MEANINGS = {
     "odd_tails": "quantities whose distribution does not have the tails of the population fitted",
     "outside": "number of samples without a shape of their own",
     "p_values": "predictive p-values of the measured numbers",
+    "prior_sensitivity": "how much G_s and a follow the priors (`arviz.psens`); above 0.05 these matter",
     "parachute_depth": "L_p over l",
     "points": "for each velocity: expected widths, share of capsules beyond the limit",
     "prior": "prior of each quantity",

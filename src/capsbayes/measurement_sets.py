@@ -105,6 +105,11 @@ _HEADERS = {
 _HEADERS["capsule_velocity"] |= {"velocity_m_s": 1.0}  # of older tables
 _HEADERS["capsule_velocity_error"] |= {"velocity_error_m_s": 1.0}
 _USUAL = {name: next(iter(headers)) for name, headers in _HEADERS.items()}
+_SYMBOLS = {
+    f"{PARAMETERS[both[0]].symbol}{end}": name
+    for both in (_EXTENT, _LENGTH, _VELOCITY, _RATE)
+    for name, end in zip(both, ("", _ERROR), strict=True)
+}
 _WITH_UNIT = re.compile(r"(?P<name>\w+)\s*[\[(](?P<unit>[^\])]*)[\])]")
 _STATES_ERROR = re.compile(r"±|\+\s?/?\s?-")
 
@@ -113,11 +118,16 @@ def _usual_columns(frame: pd.DataFrame, source: str) -> pd.DataFrame:
     """Return a table whose columns have the usual headings, which are those of SI, for one with units of its own."""
     # ``capsule_velocity [mm/s]`` is a column of numbers, or of texts as ``"4.86 +/- 0.04"``, in this unit;
     # ``capsule_velocity`` one of numbers in SI (of lengths, over l), of quantities of pint, or of texts as
-    # ``"4.86 +/- 0.04 mm/s"``. The errors of texts make a column of their own.
+    # ``"4.86 +/- 0.04 mm/s"``. The errors of texts make a column of their own. ``v_o [mm/s]``
+    # is the first by its symbol.
     columns: dict[str, Any] = {}
     for heading, values in frame.items():
         with_unit = _WITH_UNIT.fullmatch(str(heading))
-        name = with_unit["name"] if with_unit else str(heading)
+        written = with_unit["name"] if with_unit else str(heading)
+        name = _SYMBOLS.get(written, written)
+        if name != written and not with_unit and _target(name) and values.dtype.kind in "fiu":
+            shown = PARAMETERS[name.removesuffix(_ERROR)].shown_unit
+            raise InputError(source, written, f"a unit, as {written} [{shown}]", "none")
         if name not in _USUAL or (name == _USUAL[name] and not with_unit):
             usual = {str(heading): values}
         else:

@@ -77,6 +77,7 @@ _SHOWN = {  # unit and factor of the display, by the unit of the table; any othe
     "m^3/s": ("µL/min", 6e10),
     "s": ("µs", 1e6),
     "s/m": ("% per mm/s", 0.1),
+    "Pa": ("MPa", 1e-6),
     "%": ("%", 1e2),
     "°": ("°", 180.0 / math.pi),
 }
@@ -86,6 +87,15 @@ _TABLE = (
     # of the capsule
     ("surface_shear_modulus", "G_s", r"G_\mathrm{s}", "N/m", "shear modulus of the membrane"),
     ("surface_dilation_modulus", "K_s", r"K_\mathrm{s}", "N/m", "area dilation modulus of the membrane, K times G_s"),
+    (
+        "surface_young_modulus",
+        "E_s",
+        r"E_\mathrm{s}",
+        "N/m",
+        "Young's modulus of the membrane, 4 K_s G_s/(K_s + G_s)",
+    ),
+    ("young_modulus", "E", "E", "Pa", "Young's modulus of the membrane's material, E_s / t"),
+    ("largest_tension", "T_max", r"T_\mathrm{max}", "N/m", "largest principal tension of the membrane, tau_max G_s"),
     ("capsule_radius", "a", "a", "m", "radius of the capsule at rest"),
     ("bending", "B", "B", "G_s a^2", "bending modulus of the membrane"),
     ("membrane_thickness", "t", "t", "m", "thickness of the membrane"),

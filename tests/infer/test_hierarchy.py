@@ -314,6 +314,8 @@ def test_each_capsule_has_a_likelihood_of_its_own(found):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import arviz
+    assert data.posterior.sizes["chain"] == 4
+    assert float(arviz.rhat(data)["modulus_slope"]) < 1.02
     loo = arviz.loo(data)
     assert loo.n_data_points == found.capsules
     assert loo.good_k > np.max(arviz.loo(data, pointwise=True).pareto_k)

@@ -12,6 +12,7 @@ from capsbayes.infer import identify
 from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.predictive import Predictive
+from capsbayes.infer.prior import Prior
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -47,6 +48,18 @@ def test_a_chain_of_arviz_is_an_ensemble(sampled, data):
     walkers = xr.Dataset({"a": (("chain", "draw"), sampled.draws["capsule_radius"])})
     assert float(arviz.ess(data)["capsule_radius"]) == pytest.approx(float(arviz.ess(walkers)["a"]), rel=0.2)
     assert float(arviz.rhat(data)["capsule_radius"]) < 1.01
+
+
+def test_how_much_the_prior_matters_is_what_arviz_says_of_its_densities(sampled, data, seen, model, experiment):
+    modulus = data.posterior["surface_shear_modulus"].values
+    assert np.allclose(data.log_prior["surface_shear_modulus"], -np.log(modulus * np.log(1e5)))
+    for name, found in sampled.prior_sensitivity.items():
+        assert found == pytest.approx(float(arviz.psens(data)[name]), rel=1e-6)
+        assert found < 0.05
+    middle = sampled["G_s"].median
+    stated = Prior(G_s=f"{1.1 * middle} +/- {0.2 * sampled['G_s'].sd} N/m")
+    narrow = identify(seen, model, experiment, engine="quadrature", seed=4, prior=stated)
+    assert narrow.prior_sensitivity["surface_shear_modulus"] > 0.1
 
 
 def test_the_prior_is_that_which_the_quadrature_integrates(data, seen, model, experiment):

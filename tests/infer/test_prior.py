@@ -28,6 +28,14 @@ def physical(model, ca, size, velocity):
     return np.array([np.log(VISCOSITY * flow / ca), WIDTH * size, np.log(flow)])
 
 
+def test_a_prior_may_be_stated_by_its_symbol_once():
+    by_symbol = Prior(G_s="50 +/- 10 mN/m", a="20 .. 80 um")
+    assert by_symbol == Prior(surface_shear_modulus="50 +/- 10 mN/m", capsule_radius="20 .. 80 um")
+    assert replace(by_symbol, capsule_radius="20 .. 30 um").surface_shear_modulus == by_symbol.surface_shear_modulus
+    with pytest.raises(InputError, match="surface_shear_modulus: expected one statement of G_s, got two"):
+        Prior("50 +/- 10 mN/m", G_s="50 +/- 10 mN/m")
+
+
 @pytest.mark.parametrize(("ca", "size", "velocity"), [(0.082, 0.96, 5e-3), (0.01, 0.75, 2e-3), (0.1, 1.1, 7e-2)])
 def test_the_jacobian_is_that_of_the_map_to_physical_quantities(model, ca, size, velocity):
     def at(point):

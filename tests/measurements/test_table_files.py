@@ -80,6 +80,29 @@ def test_a_table_of_a_spreadsheet_has_the_same_numbers(tmp_path, form):
     np.testing.assert_array_equal(found.numbers["axial_length"], np.array(COLUMNS["axial_length_over_l"], float))
 
 
+def test_columns_may_be_headed_by_symbols_with_a_unit(tmp_path):
+    heads = "name,L_z,L_z_error,L_a,v_o [mm/s],v_o_error [mm/s],Q [uL/min]"
+    content = f"{heads}\na,2.14,0.02,1.81 +/- 0.03,6.2,0.06,0.6 +/- 0.01\n"
+    numbers = read(tmp_path, content).numbers
+    shown = {name: float(values[0]) for name, values in numbers.items() if np.isfinite(values[0])}
+    assert shown == pytest.approx(
+        {
+            "axial_extent": 2.14,
+            "axial_extent_error": 0.02,
+            "axial_length": 1.81,
+            "axial_length_error": 0.03,
+            "capsule_velocity": 6.2e-3,
+            "capsule_velocity_error": 6e-5,
+            "flow_rate": 1e-11,
+            "flow_rate_error": 0.01 / 6e10,
+        }
+    )
+    with pytest.raises(InputError, match=r"v_o: expected a unit, as v_o \[mm/s\], got none"):
+        read(tmp_path, "name,L_z,L_z_error,v_o,v_o_error\na,2.14,0.02,0.0062,6e-05\n")
+    with pytest.raises(InputError, match="one statement of each number, got a second one of axial_extent_over_l"):
+        read(tmp_path, content.replace("L_a", "axial_extent"))
+
+
 def test_names_of_another_alphabet_and_missing_ones(tmp_path):
     found = read(
         tmp_path, text().replace("c1,", "Kapsel ä,").replace("c2,", "NA,").replace("c3,", ",").encode("latin-1")

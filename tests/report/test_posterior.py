@@ -28,7 +28,7 @@ from capsbayes.measurement import MeasuredOutline, OutlineNoise
 from capsbayes.model import TWO_SHAPES
 from capsbayes.report import corner_plot, outline_figure, outline_plot
 from capsbayes.report.numbers import value_words
-from capsbayes.report.posterior import budget_sentence, caveats, posterior_parts, status_words
+from capsbayes.report.posterior import budget_sentence, caveats, posterior_parts, status_words, update_words
 from capsbayes.report.posterior_figures import (
     capsule_pictures,
     corner_of_few,
@@ -144,6 +144,28 @@ def test_the_headline_states_what_it_assumes_and_nothing_below_takes_it_back():
     assert 'class="status' not in page
     assert "published: what the procedure of Quesada et al. (2021) answers, without errors" in plain(page)
     assert_same(posterior_parts(one), page)
+
+
+def test_a_prior_that_decides_and_one_that_the_capsule_contradicts_are_said():
+    one, name = posterior(), "surface_shear_modulus"
+    here = one.marginals[name]
+    wide = replace(one, prior=replace(one.prior, surface_shear_modulus=f"{here.median} +/- {10.0 * here.sd} N/m"))
+    assert caveats(wide) == []
+    assert update_words(one) == ""
+    assert update_words(wide).endswith(f"With this capsule: {value_words(name, here)}.")
+    assert update_words(wide).replace("_", "") in plain(posterior_page(wide))
+    near = replace(one, prior=replace(one.prior, surface_shear_modulus=f"{here.median} +/- {1.1 * here.sd} N/m"))
+    said = f"its sensitivity is {near.prior_sensitivity[name]:.2g}, above 0.05."
+    assert [line for line in caveats(near) if "prior of G_s" in line] == [
+        f"The prior of G_s decides a part of it: {said}"
+    ]
+    sd = np.std(np.log(one.draws[name]))
+    for sds in (1.5, 2.5):  # by which the capsule by itself is off, of the sum of both variances
+        spread = 2.0 * sd
+        before = here.median * np.exp(-sds * np.sqrt(spread**2 - sd**2))
+        stated = scipy.stats.lognorm(spread, scale=before)
+        far = caveats(replace(one, prior=replace(one.prior, surface_shear_modulus=stated)))
+        assert any(f"are {sds:.1f} standard deviations apart" in line for line in far) == (sds > 2.0)
 
 
 def test_a_name_from_outside_cannot_write_html():

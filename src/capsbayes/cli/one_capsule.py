@@ -100,7 +100,7 @@ def identify(
 ) -> None:
     """Identify one capsule: posterior of the shear modulus of its membrane and of its radius."""
     from capsbayes.infer.identify import prepare, with_other_laws
-    from capsbayes.report.files import posterior_files
+    from capsbayes.report.files import posterior_files, posterior_summary
     from capsbayes.report.posterior import posterior_parts, status_words
     from capsbayes.run import resumable
 
@@ -137,7 +137,7 @@ def identify(
             posterior = refined.noted_in(posterior)
         if not model.coordinates:
             posterior = with_other_laws(posterior)
-        result, files = posterior.as_dict(), posterior_files(posterior)
+        result, files = posterior_summary(posterior), posterior_files(posterior)
         parts, words = [*posterior_parts(posterior), model_words(**result["model"], seed=seed)], status_words(posterior)
         conclude(result, parts, files, out=out, status=posterior.status, status_words=words)
 

@@ -335,7 +335,7 @@ def _kurtoses(values: Floats, own: Floats, parameters: Floats) -> Floats:
 FEWEST = 3
 PREFIX = "population_"  # of the draws in the file of a population
 _UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
-_STORED = 500
+_STORED, _CHAINS = 500, 4
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
 _MERGED = 3  # neighbouring components of a capsule, where the sum goes over the parts of t distributions too
 _LEAST_SEEN = 0.1  # share of the population in the sample, below which the rest is extrapolated too far
@@ -441,8 +441,9 @@ class Hierarchy(Readable):
     def to_inference_data(self, *, units: str = "si") -> Any:
         """Return an `arviz.InferenceData` of the population with one log-likelihood per capsule, for `arviz.loo`.
 
-        ``posterior`` holds `_STORED` draws or more, ``log_likelihood`` the variable ``capsules`` with the capsules as
-        its last dimension, each integrated over the capsule's own G_s and a, at the viscosity and half width as stated.
+        ``posterior`` holds `_STORED` draws or more in `_CHAINS` chains, parts of one set of independent draws, and
+        ``log_likelihood`` the variable ``capsules`` with the capsules as its last dimension, each integrated over the
+        capsule's own G_s and a, at the viscosity and half width as stated.
 
         Parameters
         ----------
@@ -458,15 +459,14 @@ class Hierarchy(Readable):
 
         check_units(units, "hierarchy")
         assert self.log_posterior is not None, "a hierarchy is made by `hierarchy`"
-        every = slice(None, None, max(len(self.parameters) // _STORED, 1))
+        every = np.arange(0, len(self.parameters), max(len(self.parameters) // _STORED, 1))
+        kept = every[: len(every) // _CHAINS * _CHAINS].reshape(_CHAINS, -1)
         draws = {
-            name: (("chain", "draw"), values[every][None], {"units": _UNITS.get(name, "1")})
+            name: (("chain", "draw"), values[kept], {"units": _UNITS.get(name, "1")})
             for name, values in self.draws.items()
         }
-        of_capsules = self.log_posterior.of_capsules(self.parameters[every])
-        likelihood = xr.Dataset(
-            {"capsules": (("chain", "draw", "capsule"), of_capsules[None])}, {"capsule": self.names}
-        )
+        of_capsules = self.log_posterior.of_capsules(self.parameters[kept.ravel()]).reshape(*kept.shape, -1)
+        likelihood = xr.Dataset({"capsules": (("chain", "draw", "capsule"), of_capsules)}, {"capsule": self.names})
         groups = {"posterior": xr.Dataset(draws), "log_likelihood": likelihood}
         return inference_data(groups, units)
 

@@ -6,6 +6,7 @@ import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -20,7 +21,7 @@ from capsbayes.files.input_file import check_file, parsing
 from capsbayes.files.output_file import write_dataset
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.predictive import Predictive
-from capsbayes.infer.prior import THICKNESS, Inputs, Marginal, Prior
+from capsbayes.infer.prior import LIMITED, THICKNESS, Inputs, Marginal, Prior
 from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.model import ForwardModel
 from capsbayes.parameters import PARAMETERS
@@ -72,7 +73,7 @@ def inference_data(groups: Mapping[str, xr.Dataset], units: str) -> Any:
         warnings.simplefilter("ignore", FutureWarning)  # of ArviZ itself, once a day
         import arviz  # a second to import
     if units == "shown":
-        groups = {name: group if name == "log_likelihood" else _shown(group) for name, group in groups.items()}
+        groups = {name: group if name.startswith("log_") else _shown(group) for name, group in groups.items()}
     return arviz.InferenceData(**groups, warn_on_custom_groups=False)
 
 
@@ -519,6 +520,27 @@ class Posterior:
         """
         return {name: width_over_prior(self.marginals[name], prior) for name, prior in self.prior.uncertain.items()}
 
+    @cached_property
+    def prior_sensitivity(self) -> dict[str, float]:
+        """How much the posteriors of G_s and a follow their priors; above 0.05 the choice of the prior matters.
+
+        The power-scaling sensitivity of `arviz.psens`, of the densities of G_s, of a and of the further coordinates
+        together (Kallioinen et al., Stat. Comput. 34, 57, 2024, doi:10.1007/s11222-023-10366-5).
+        """
+        groups = {"posterior": chains({name: self.draws[name] for name in LIMITED}), "log_prior": self._log_prior()}
+        data = inference_data(groups, "si")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of densities that are the same everywhere
+            from arviz import psens
+
+            found = psens(data, component="prior")
+        return {name: float(np.nan_to_num(found[name])) for name in LIMITED}
+
+    def _log_prior(self) -> xr.Dataset:
+        """Return the log density of the prior of each parameter at the draws."""
+        priors = {**dict(zip(LIMITED, self.prior.both, strict=True)), **self.prior.uncertain}
+        return chains({name: prior.logpdf(self.draws[name]) for name, prior in priors.items() if name in self.draws})
+
     @property
     def log_modulus_sd(self) -> float:
         """Standard deviation of ln G_s."""
@@ -690,8 +712,8 @@ class Posterior:
         """Return an `arviz.InferenceData` with every group that ArviZ uses.
 
         In addition to the groups of the file it has ``prior`` (given the velocity, see `capsbayes.infer.predictive`),
-        ``prior_predictive`` and ``posterior_predictive`` of lengths, velocity and flow rate, and ``log_likelihood``, of
-        the lengths together (or of the outline) and of the velocity. These groups are computed when this is called.
+        ``prior_predictive`` and ``posterior_predictive`` of lengths, velocity and flow rate, ``log_prior``, and
+        ``log_likelihood`` of the lengths together (or of the outline) and of the velocity. They are computed here.
         A chain of it is an ensemble: the walkers one after the other, so that what they share is seen between chains.
 
         Parameters
@@ -716,7 +738,7 @@ class Posterior:
         >>> found = identify(seen, Surrogate.open("square-neo-hookean"), channel, engine="quadrature", seed=1)
         >>> data = found.to_inference_data(units="shown")
         >>> sorted(data.groups())  # doctest: +NORMALIZE_WHITESPACE
-        ['constant_data', 'log_likelihood', 'observed_data', 'posterior', 'posterior_predictive', 'prior',
+        ['constant_data', 'log_likelihood', 'log_prior', 'observed_data', 'posterior', 'posterior_predictive', 'prior',
          'prior_predictive', 'sample_stats']
         >>> import arviz
         >>> table = arviz.summary(data, var_names=["G_s [mN/m]", "a [µm]"], kind="stats")
@@ -729,7 +751,8 @@ class Posterior:
         draws = {
             name: np.array([values[walkers].ravel() for walkers in of_walkers]) for name, values in self.draws.items()
         }
-        groups = replace(self, draws=draws, ensemble=np.arange(len(of_walkers))).groups()
+        walked = replace(self, draws=draws, ensemble=np.arange(len(of_walkers)))
+        groups = {**walked.groups(), "log_prior": walked._log_prior()}
         forward = self.model_of(model)
         what = (draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
         further = Predictive(*what).groups()

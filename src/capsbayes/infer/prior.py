@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -162,12 +162,12 @@ LEAST_COVERED = 0.8  # of the mass of the prior of a coordinate, by the range of
 NARROWEST = 1e-3  # standard deviation of a prior of G_s or a over its mean, below which no engine resolves it
 
 _RANGES = {"log-uniform": Quantity.log_uniform, "uniform": Quantity.uniform}
-_LIMITED = ("surface_shear_modulus", "capsule_radius")
+LIMITED = ("surface_shear_modulus", "capsule_radius")
 THICKNESS = "membrane_thickness"  # name of the prior that takes the place of that of the bending modulus
-_MODULUS, _RADIUS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
+_DEFAULTS = Quantity.log_uniform(1e-4, 10.0, "N/m"), Quantity.uniform(1e-6, 1e-3, "m")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Prior:
     """Independent priors of the shear modulus, of the radius and of the further coordinates of the model.
 
@@ -184,25 +184,41 @@ class Prior:
         Priors of further coordinates of the model, as ``{"pre_inflation": "0 .. 0.1"}``. Default: uniform over the
         range of the model, or log-uniform where the model declares the coordinate logarithmic. A
         ``"membrane_thickness"`` [m], known or not, takes the place of the prior of ``"bending"``, see `with_thickness`.
+    G_s, a : Quantity, optional
+        In place of `surface_shear_modulus` and `capsule_radius`.
 
     Raises
     ------
     InputError
-        If G_s or a is a known number or nearly so, or a limit is not positive.
+        If G_s or a is a known number or nearly so, or stated twice, or a limit is not positive.
 
     Examples
     --------
-    >>> Prior(surface_shear_modulus="log-uniform 1 .. 1000 mN/m").surface_shear_modulus.high
+    >>> Prior(G_s="log-uniform 1 .. 1000 mN/m").surface_shear_modulus.high
     1.0
     """
 
-    surface_shear_modulus: Given = _MODULUS
-    capsule_radius: Given = _RADIUS
-    coordinates: Mapping[str, Given] = field(default_factory=dict)
+    surface_shear_modulus: Quantity
+    capsule_radius: Quantity
+    coordinates: Mapping[str, Quantity]
 
-    def __post_init__(self) -> None:
-        limited = {name: _uncertain(getattr(self, name), name, "prior", name) for name in _LIMITED}
-        read = {name: _coordinate(quantity, "prior", name) for name, quantity in self.coordinates.items()}
+    def __init__(
+        self,
+        surface_shear_modulus: Given = None,
+        capsule_radius: Given = None,
+        coordinates: Mapping[str, Given] | None = None,
+        *,
+        G_s: Given = None,
+        a: Given = None,
+    ) -> None:
+        limited = {}
+        stated = (surface_shear_modulus, G_s), (capsule_radius, a)
+        for name, both, default in zip(LIMITED, stated, _DEFAULTS, strict=True):
+            given = [each for each in both if each is not None] or [default]
+            if len(given) > 1:
+                raise InputError("prior", name, f"one statement of {PARAMETERS[name].symbol}", "two")
+            limited[name] = _uncertain(given[0], name, "prior", name)
+        read = {name: _coordinate(quantity, "prior", name) for name, quantity in (coordinates or {}).items()}
         if THICKNESS in read and "bending" in read:
             raise InputError("prior", f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
         settle(self, coordinates=read, **limited)
@@ -236,23 +252,23 @@ class Prior:
             Naming file, key, what was expected and what was found.
         """
         file = InputFile.read(path)
-        stated, where = file.table("prior", optional=(*_LIMITED, *COORDINATES)), str(path)
+        stated, where = file.table("prior", optional=(*LIMITED, *COORDINATES)), str(path)
         ranges: dict[str, Any] = {
-            key: _distribution(where, f"prior.{key}", value) for key, value in stated.items() if key in _LIMITED
+            key: _distribution(where, f"prior.{key}", value) for key, value in stated.items() if key in LIMITED
         }
         texts = {key: value for key, value in stated.items() if key in COORDINATES}
         return replace(default or cls(), **ranges).with_texts(texts, where=f"{where}: prior")
 
     def with_texts(self, texts: Mapping[str, object], *, where: str = "prior") -> Prior:
         """Return a copy with other priors, in text form: of G_s and a, and of coordinates, see `coordinate_prior`."""
-        own = {name: _distribution(where, name, texts[name]) for name in _LIMITED if name in texts}
+        own = {name: _distribution(where, name, texts[name]) for name in LIMITED if name in texts}
         read = {name: coordinate_prior(texts[name], where=where, key=name) for name in texts if name not in own}
         return replace(self, **own, coordinates={**self.coordinates, **read})
 
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the priors of G_s and a in SI, for reports and files."""
         found: dict[str, dict[str, Any]] = {}
-        for name, known in zip(_LIMITED, self.both, strict=True):
+        for name, known in zip(LIMITED, self.both, strict=True):
             found[name] = {"distribution": known.shape, "low": known.low, "high": known.high, "unit": known.unit}
             if not known.is_range:
                 found[name] |= {"mean": known.mean, "sd": known.sd, "record": known.as_record()}
@@ -261,7 +277,7 @@ class Prior:
     @classmethod
     def of_record(cls, described: Mapping[str, Mapping[str, Any]], coordinates: Mapping[str, Any]) -> Prior:
         """Return the prior that `described` gave, with records of the coordinates' quantities."""
-        stated = [described[name] for name in _LIMITED]
+        stated = [described[name] for name in LIMITED]
         modulus, radius = (
             Quantity.of_record(table["record"], table["unit"])
             if "record" in table

@@ -19,11 +19,16 @@ if TYPE_CHECKING:
 Writer = Callable[[Path], object]
 
 
+def posterior_summary(posterior: Posterior) -> dict[str, Any]:
+    """Return everything but the draws, with how much the prior matters."""
+    return {**posterior.as_dict(), "prior_sensitivity": posterior.prior_sensitivity}
+
+
 def posterior_files(posterior: Posterior) -> dict[str, Writer]:
     """Return the writers of all files of an identified capsule by the names of the files."""
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
-        "summary.json": json_file(posterior.as_dict()),
+        "summary.json": json_file(posterior_summary(posterior)),
         "corner.png": figure_file(lambda: _figures().corner_of_all(posterior), dpi=110),
     }
     if posterior.outlines is not None:

@@ -7,11 +7,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from capsbayes.infer import Posterior
 from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR, add_up
-from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN
+from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN, Marginal
+from capsbayes.infer.tension import MembraneTension
 from capsbayes.infer.verdict import LEANING_SHARE, ONE_END, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
 from capsbayes.parameters import PARAMETERS
@@ -35,6 +37,9 @@ _LEAST_STRETCH = 1.04  # below it the paper does not identify a capsule
 _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
+_SENSITIVE = 0.05  # `Posterior.prior_sensitivity`, above which the choice of the prior matters
+_SHARES = (np.arange(1000) + 0.5) / 1000  # of the probability of a prior
+_FAR = 2.0  # standard deviations between a prior and what the capsule says by itself
 _INPUTS = {
     "outline": "measured outline",
     "surrogate": "error of the model",
@@ -81,7 +86,34 @@ def membrane_words(model: str) -> str:
 def caveats(posterior: Posterior) -> list[str]:
     """Return what a reader must keep in mind, one sentence each; empty if nothing."""
     own = *_computation(posterior), *border_words(posterior.leaning), *_capsule(posterior), *_coordinates(posterior)
-    return [*other_laws(posterior), *own]
+    return [*other_laws(posterior), *own, *_of_prior(posterior)]
+
+
+def update_words(posterior: Posterior) -> str:
+    """Say what was stated of G_s before the capsule, and what it is with it; empty of a prior that is a range."""
+    name, prior = "surface_shear_modulus", posterior.prior.surface_shear_modulus
+    if prior.is_range:
+        return ""
+    before = Marginal.of_draws(prior.ppf(_SHARES))
+    return f"Stated before: {value_words(name, before)}. With this capsule: {value_words(name, posterior[name])}."
+
+
+def _of_prior(posterior: Posterior) -> Iterator[str]:
+    """Say where the prior decides, and where the capsule contradicts it."""
+    modulus, sensitivity = posterior.prior.surface_shear_modulus, posterior.prior_sensitivity["surface_shear_modulus"]
+    if sensitivity > _SENSITIVE:
+        yield f"The prior of G_s decides a part of it: its sensitivity is {sensitivity:.2g}, above {_SENSITIVE:g}."
+    if modulus.is_range:
+        return
+    # a prior and data of Gaussian errors differ by (posterior - prior) / sqrt(var(prior) - var(posterior))
+    before, after = np.log(modulus.ppf(_SHARES)), np.log(posterior.draws["surface_shear_modulus"])
+    gained = float(np.var(before) - np.var(after))
+    far = abs(float(np.median(after) - np.median(before))) / math.sqrt(gained) if gained > 0.0 else 0.0
+    if far > _FAR:
+        yield (
+            f"This capsule by itself and the prior of G_s are {far:.1f} standard deviations apart: "
+            "one of the two is probably wrong, and the interval mixes both."
+        )
 
 
 def resimulation_words(posterior: Posterior) -> str:
@@ -318,6 +350,16 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
     return table(("", "", "prior"), rows, title="Priors")
 
 
+def tension_table(tension: MembraneTension) -> pd.DataFrame:
+    """Return what the membrane bears."""
+    found = {name: marginal for name, marginal in vars(tension).items() if marginal is not None}
+    rows = [
+        (Symbols(PARAMETERS[name].label), Symbols(PARAMETERS[name].meaning), *marginal_cells(name, marginal))
+        for name, marginal in found.items()
+    ]
+    return table(("", "", "median", "68 % interval", "95 % interval"), rows, title="Membrane", numbers=(2, 3, 4))
+
+
 def check_table(posterior: Posterior) -> pd.DataFrame:
     """Return every check of the computation, whether it passed."""
     rows = []
@@ -353,6 +395,8 @@ def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
         yield narrowing_table(posterior)
     yield input_table(posterior)
     yield prior_table(posterior)
+    if update := update_words(posterior):
+        yield update
     if (differences := resimulation_table(posterior)) is not None:
         yield differences
     yield resimulation_words(posterior)

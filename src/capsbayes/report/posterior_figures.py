@@ -23,6 +23,7 @@ from capsbayes.image.overlay import overlay, png, png_of
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
 from capsbayes.infer.posterior import DIFFERENCES, Resimulation
+from capsbayes.infer.tension import membrane_tension
 from capsbayes.measurement import MID_PLANE, SILHOUETTE
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
@@ -260,6 +261,7 @@ def posterior_page(posterior: Posterior, *, capsule: str | Path | None = None, f
         headlines=[value_words(name, posterior.marginals[name]) for name in SHOWN if name in posterior.marginals],
         pictures=list(capsule_pictures(posterior, capsule, folder)),
         corner=corner_of_few(posterior),
+        tension=membrane_tension(posterior),
         resimulated=None if posterior.resimulation is None else resimulation_figure(posterior.resimulation),
     )
 

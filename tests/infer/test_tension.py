@@ -1,0 +1,91 @@
+"""The largest tension of a membrane is that of the simulator, and Young's modulus follows from both moduli."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from results import posterior
+
+from capsbayes import Experiment, Measurement, Surrogate, identify
+from capsbayes.database import Database
+from capsbayes.infer.posterior import Posterior
+from capsbayes.infer.tension import LargestTension, membrane_tension
+from capsbayes.report.posterior_figures import posterior_page
+
+POOLS = Path(__file__).parents[2] / "data" / "pools"  # their shapes have the mesh of the states, not their places
+
+
+@pytest.fixture(scope="module")
+def tension():
+    return LargestTension.open("square")
+
+
+@pytest.mark.parametrize(
+    ("pool", "membrane", "largest"),
+    [
+        ("none-0-block-20", {}, 0.01),
+        ("bending-0.002-block-20", {"bending": 2e-3}, 0.03),
+        ("pre-inflation-0.035-block-20", {"pre_inflation": 0.035}, 0.02),
+        ("strain-hardening-0.8-block-20", {"strain_hardening": 0.8}, 0.01),
+    ],
+)
+def test_it_is_that_of_simulated_capsules_within_its_error(tension, pool, membrane, largest):
+    simulated = Database.read(POOLS / f"{pool}.nc")
+    places = {name: simulated[name] for name in ("capillary_number", "size_ratio")}
+    found, errors = tension({**places, **membrane})
+    known = np.isfinite(found)
+    assert known.mean() > 0.9
+    off = np.log(found / simulated["maximum_tension"])[known]
+    assert np.abs(off).max() < largest
+    assert np.mean(np.abs(off) < 2.0 * errors[known]) > 0.9
+
+
+def test_beyond_the_states_it_is_not_known(tension):
+    assert np.isnan(tension({"capillary_number": np.array([0.5]), "size_ratio": np.array([0.9])})[0])
+
+
+def test_intervals_hold_the_tension_of_simulated_capsules():
+    simulated, model = Database.read(POOLS / "none-0-block-21.nc"), Surrogate.open("square-neo-hookean")
+    channel = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.01 Pa s")
+    rng, held, modulus = np.random.default_rng(7), 0, 0.05
+    for case in range(0, 60, 3):
+        velocity = simulated["velocity_ratio"][case] * simulated["capillary_number"][case] * modulus / 0.85
+        seen = Measurement(
+            axial_extent=f"{simulated['axial_extent'][case] + 0.01 * rng.standard_normal()} +/- 0.01",
+            axial_length=f"{simulated['axial_length'][case] + 0.01 * rng.standard_normal()} +/- 0.01",
+            capsule_velocity=f"{velocity} +/- {0.001 * velocity} m/s",
+        )
+        found = membrane_tension(identify(seen, model, channel, engine="quadrature", seed=1))
+        held += found.largest_tension.contains(modulus * simulated["maximum_tension"][case], level=95)
+    assert held >= 17  # of 20
+
+
+def of_model(name: str, **changed) -> Posterior:
+    """Return a posterior with the name of a model."""
+    one = posterior()
+    ca = np.full(one.draws["size_ratio"].shape, 0.05)
+    return replace(one, model_name=name, draws={**one.draws, "capillary_number": ca}, **changed)
+
+
+def test_youngs_modulus_follows_from_both_moduli_and_the_thickness():
+    plain = of_model("square-neo-hookean")
+    modulus = plain["G_s"].median
+    assert membrane_tension(plain).surface_young_modulus.median == pytest.approx(3.0 * modulus, rel=0.01)
+    assert membrane_tension(plain).young_modulus is None
+    stated = replace(plain, experiment=replace(plain.experiment, membrane_thickness="0.5 +/- 0.01 um"))
+    assert membrane_tension(stated).young_modulus.median == pytest.approx(3.0 * modulus / 0.5e-6, rel=0.02)
+    at = of_model("square-membrane at area_dilation_modulus = 1, strain_hardening = 0.2 (silhouettes)")
+    assert membrane_tension(at).surface_young_modulus.median == pytest.approx(2.0 * modulus, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["square-generalised-hooke-nu-s-0-5", "square-neo-hookean with rest_aspect", "other"])
+def test_a_model_whose_membrane_is_not_among_the_states_has_none(name):
+    assert membrane_tension(of_model(name)) is None
+
+
+def test_the_page_shows_it():
+    page = posterior_page(of_model("square-neo-hookean"))
+    assert "What the membrane bears" in page
+    assert "largest principal tension" in page
+    assert "What the membrane bears" not in posterior_page(posterior())
