@@ -24,7 +24,7 @@ def tension():
 @pytest.mark.parametrize(
     ("pool", "membrane", "largest"),
     [
-        ("none-0-block-20", {}, 0.01),
+        ("none-0-block-20", {}, 0.02),
         ("bending-0.002-block-20", {"bending": 2e-3}, 0.03),
         ("pre-inflation-0.035-block-20", {"pre_inflation": 0.035}, 0.02),
         ("strain-hardening-0.8-block-20", {"strain_hardening": 0.8}, 0.01),

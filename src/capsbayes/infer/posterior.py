@@ -527,7 +527,7 @@ class Posterior:
         The power-scaling sensitivity of `arviz.psens`, of the densities of G_s, of a and of the further coordinates
         together (Kallioinen et al., Stat. Comput. 34, 57, 2024, doi:10.1007/s11222-023-10366-5).
         """
-        groups = {"posterior": chains({name: self.draws[name] for name in LIMITED}), "log_prior": self._log_prior()}
+        groups = {"posterior": chains({name: self.draws[name] for name in LIMITED}), "log_prior": self.log_prior()}
         data = inference_data(groups, "si")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of densities that are the same everywhere
@@ -536,7 +536,7 @@ class Posterior:
             found = psens(data, component="prior")
         return {name: float(np.nan_to_num(found[name])) for name in LIMITED}
 
-    def _log_prior(self) -> xr.Dataset:
+    def log_prior(self) -> xr.Dataset:
         """Return the log density of the prior of each parameter at the draws."""
         priors = {**dict(zip(LIMITED, self.prior.both, strict=True)), **self.prior.uncertain}
         return chains({name: prior.logpdf(self.draws[name]) for name, prior in priors.items() if name in self.draws})
@@ -752,7 +752,7 @@ class Posterior:
             name: np.array([values[walkers].ravel() for walkers in of_walkers]) for name, values in self.draws.items()
         }
         walked = replace(self, draws=draws, ensemble=np.arange(len(of_walkers)))
-        groups = {**walked.groups(), "log_prior": walked._log_prior()}
+        groups = {**walked.groups(), "log_prior": walked.log_prior()}
         forward = self.model_of(model)
         what = (draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
         further = Predictive(*what).groups()

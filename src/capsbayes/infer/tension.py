@@ -20,6 +20,7 @@ _OF_MODELS = {  # law of the membrane by the names of models without their cross
     "skalak-c-1": {"area_dilation_modulus": 3.0, "strain_hardening": 1.0},
 }
 _MOST_DRAWS = 10_000
+_ERROR = 0.01  # of the approximation, relative, beside the differences between polynomials
 _FEWEST_KNOWN = 0.95  # share of the draws at which the tension has to be known
 
 
@@ -109,5 +110,5 @@ class LargestTension:
         inside = covered(values, self._cross_section)
         found = np.full((2, len(values)), np.nan)
         means, covariances, _ = averaged(self._frame.points(values[inside]), *self._fits, 1, 1, False)
-        found[:, inside] = np.exp(means[:, 0]), np.sqrt(covariances[:, 0, 0])
+        found[:, inside] = np.exp(means[:, 0]), np.hypot(np.sqrt(covariances[:, 0, 0]), _ERROR)
         return found[0], found[1]

@@ -38,6 +38,7 @@ _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
 _SENSITIVE = 0.05  # `Posterior.prior_sensitivity`, above which the choice of the prior matters
+_FLAT = 0.1  # standard deviation of the log prior below which the sensitivity is below that, and ArviZ is not imported
 _SHARES = (np.arange(1000) + 0.5) / 1000  # of the probability of a prior
 _FAR = 2.0  # standard deviations between a prior and what the capsule says by itself
 _INPUTS = {
@@ -100,13 +101,14 @@ def update_words(posterior: Posterior) -> str:
 
 def _of_prior(posterior: Posterior) -> Iterator[str]:
     """Say where the prior decides, and where the capsule contradicts it."""
-    modulus, sensitivity = posterior.prior.surface_shear_modulus, posterior.prior_sensitivity["surface_shear_modulus"]
-    if sensitivity > _SENSITIVE:
+    modulus, name = posterior.prior.surface_shear_modulus, "surface_shear_modulus"
+    flat = np.std(sum(posterior.log_prior().values())) < _FLAT
+    if not flat and (sensitivity := posterior.prior_sensitivity[name]) > _SENSITIVE:
         yield f"The prior of G_s decides a part of it: its sensitivity is {sensitivity:.2g}, above {_SENSITIVE:g}."
     if modulus.is_range:
         return
     # a prior and data of Gaussian errors differ by (posterior - prior) / sqrt(var(prior) - var(posterior))
-    before, after = np.log(modulus.ppf(_SHARES)), np.log(posterior.draws["surface_shear_modulus"])
+    before, after = np.log(modulus.ppf(_SHARES)), np.log(posterior.draws[name])
     gained = float(np.var(before) - np.var(after))
     far = abs(float(np.median(after) - np.median(before))) / math.sqrt(gained) if gained > 0.0 else 0.0
     if far > _FAR:

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from scipy.spatial import ConvexHull
 
-from capsbayes.arrays import Floats
+from capsbayes.arrays import Floats, Integers
 from capsbayes.parameters import PARAMETERS
-from capsbayes.physics.surface import facets
+from capsbayes.physics.surface import facets, p2, subdivision
 from capsbayes.report.style import ACCENT, FILL, INK, WALL, closed, draw_walls, new_figure
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)
 _LIGHT = np.array([-0.42, 0.60, 0.68])  # right, up, towards the eye
 _CORNER = 0.94  # cosine between two neighbouring pieces of wall, below which the channel has an edge there
 _BEHIND, _CAPSULE, _BEFORE = 2.0, 3.0, 4.0
+_PARTS = 6  # of an edge of an element, into which `facets` divides it
 _LOOKS: Any = ({"zorder": _BEHIND, "alpha": 1.0}, {"zorder": _BEFORE, "alpha": 0.5})  # of edges behind and before
 
 
@@ -59,12 +60,30 @@ def _draw_section(ax: Axes, state: SteadyState) -> None:
     ax.set_title("seen along the flow")
 
 
+def _draw_tensions(ax: Axes, state: SteadyState) -> None:
+    """The membrane seen obliquely, coloured by its larger principal tension; the flow goes right and away."""
+    corners, _ = facets(state.mesh.elements, state.surface_nodes)
+    grid, triangles = subdivision(_PARTS)
+    tensions = (p2(grid) @ state.principal_tensions[state.mesh.elements, 0].T).T[:, triangles].mean(axis=-1).ravel()
+    points = corners @ _camera().T
+    seen = _facing(points)
+    membrane = PolyCollection(list(points[seen][..., :2]), array=tensions[seen], edgecolors="face", linewidths=0.3)
+    membrane.set_clim(min(float(tensions.min()), 0.0), float(state.principal_tensions.max()))
+    ax.add_collection(membrane)
+    ax.autoscale_view()
+    ax.set(aspect="equal")
+    ax.axis("off")
+    ax.set_title(rf"tensions, at most {state.principal_tensions.max():.3f} $G_\mathrm{{s}}$")
+    ax.figure.colorbar(membrane, ax=ax, orientation="horizontal", shrink=0.8, label=r"$\tau_1 / G_\mathrm{s}$")
+
+
 def shape_figure(state: SteadyState) -> Figure:
-    """Draw both views."""
-    figure = new_figure(9.5, 4.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.55, 1.0))
+    """Draw two views and the tensions."""
+    figure = new_figure(13.0, 4.6)
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1.55, 1.0, 1.0))
     _draw_shape(left, state)
-    _draw_section(right, state)
+    _draw_section(middle, state)
+    _draw_tensions(right, state)
     return figure
 
 
@@ -137,13 +156,18 @@ def _draw_channel(ax: Axes, edge: Floats, camera: Floats, reach: float) -> Float
     return np.concatenate(ends)[:, :2]
 
 
+def _facing(points: Floats) -> Integers:
+    """Return the numbers of the triangles (t, 3, 3) that face the eye, the farthest first."""
+    facing = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 2] > 0.0
+    order = np.argsort(points[..., 2].mean(axis=1))
+    return np.asarray(order[facing[order]])
+
+
 def _shaded(snapshot: Snapshot, camera: Floats) -> tuple[Floats, Floats]:
     """Triangles (t, 3, 2) of the membrane that face the eye, the farthest first, and their colours (t, 3)."""
     corners, outward = facets(snapshot.mesh.elements, snapshot.surface_nodes)
     points, normals = corners @ camera.T, outward @ camera.T
-    facing = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 2] > 0.0
-    order = np.argsort(points[..., 2].mean(axis=1))
-    seen = order[facing[order]]
+    seen = _facing(points)
     light = _LIGHT / np.linalg.norm(_LIGHT)
     halfway = light + np.array([0.0, 0.0, 1.0])
     halfway /= np.linalg.norm(halfway)
