@@ -169,8 +169,8 @@ def _half(half: str, cells: Sequence[Cell], answers: Answers) -> Iterator[str]:
     head = ("laboratories", "claims where nothing is hidden", "wrong names or sets", "G_s held")
     yield table(head, _of_labs(given))
     yield ""
-    head = ("hidden", "sessions", *_OUTCOMES, "log score", "error of G_s", "without", "G_s held", "size held")
-    yield table(head, (_row(cell, given.of([name])) for name, cell in given.cells.items()))
+    columns = ("hidden", "sessions", *_OUTCOMES, "log score", "error of G_s", "without", "G_s held", "size held")
+    yield table(columns, (_row(cell, given.of([name])) for name, cell in given.cells.items()))
 
 
 def _gathered(cells: Sequence[Cell], answers: Answers) -> _Given:

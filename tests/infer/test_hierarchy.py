@@ -315,7 +315,7 @@ def test_each_capsule_has_a_likelihood_of_its_own(found):
         warnings.simplefilter("ignore")
         import arviz
     assert data.posterior.sizes["chain"] == 4
-    assert float(arviz.rhat(data)["modulus_slope"]) < 1.02
+    assert float(arviz.rhat(data)["d ln G_s / d ln a"]) < 1.02
     loo = arviz.loo(data)
     assert loo.n_data_points == found.capsules
     assert loo.good_k > np.max(arviz.loo(data, pointwise=True).pareto_k)

@@ -48,7 +48,7 @@ def test_beyond_the_states_it_is_not_known(tension):
 def test_intervals_hold_the_tension_of_simulated_capsules():
     simulated, model = Database.read(POOLS / "none-0-block-21.nc"), Surrogate.open("square-neo-hookean")
     channel = Experiment(cross_section="square", half_width="25 +/- 0.1 um", viscosity="0.85 +/- 0.01 Pa s")
-    rng, held, modulus = np.random.default_rng(7), 0, 0.05
+    rng, known, held, modulus = np.random.default_rng(7), 0, 0, 0.05
     for case in range(0, 60, 3):
         velocity = simulated["velocity_ratio"][case] * simulated["capillary_number"][case] * modulus / 0.85
         seen = Measurement(
@@ -56,9 +56,12 @@ def test_intervals_hold_the_tension_of_simulated_capsules():
             axial_length=f"{simulated['axial_length'][case] + 0.01 * rng.standard_normal()} +/- 0.01",
             capsule_velocity=f"{velocity} +/- {0.001 * velocity} m/s",
         )
-        found = membrane_tension(identify(seen, model, channel, engine="quadrature", seed=1))
-        held += found.largest_tension.contains(modulus * simulated["maximum_tension"][case], level=95)
-    assert held >= 17  # of 20
+        found = membrane_tension(identify(seen, model, channel, engine="quadrature", seed=1)).largest_tension
+        if found is not None:  # where 5 % of the posterior lies below the lowest Ca of the states
+            known += 1
+            held += found.contains(modulus * simulated["maximum_tension"][case], level=95)
+    assert known >= 15  # of 20
+    assert held >= known - 2
 
 
 def of_model(name: str, **changed) -> Posterior:

@@ -59,7 +59,8 @@ def membrane_tension(posterior: Posterior) -> MembraneTension | None:
     rng = np.random.default_rng([posterior.seed, 6])
     some = rng.permutation(len(draws["surface_shear_modulus"]))[:_MOST_DRAWS]
     modulus = draws["surface_shear_modulus"][some]
-    theta = {**stated, **{name: draws[name][some] for name in FREE_PARAMETERS if name in draws}}
+    theta: dict[str, Floats | float] = dict(stated)
+    theta |= {name: draws[name][some] for name in FREE_PARAMETERS if name in draws}
     over_modulus, errors = LargestTension.open(posterior.model_name.partition("-")[0])(theta)
     tensions = modulus * over_modulus * np.exp(errors * rng.standard_normal(len(modulus)))
     known = np.isfinite(tensions)
