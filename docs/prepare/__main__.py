@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 from equations import with_mathml
 from from_code import COMMANDS, commands, with_tables
@@ -27,8 +28,12 @@ def main() -> int:
         (TARGET / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / path, TARGET / path)
     (TARGET / COMMANDS).write_text(commands(), encoding="utf-8")
-    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
-        (TARGET / NOTEBOOKS.name / f"{path.stem}.md").write_text(page_of(path), encoding="utf-8")
+    notebooks = sorted(NOTEBOOKS.glob("*.ipynb"))
+    with ThreadPoolExecutor() as pool:  # each waits for a process of its own
+        for path, (text, pictures) in zip(notebooks, pool.map(page_of, notebooks), strict=True):
+            (TARGET / NOTEBOOKS.name / f"{path.stem}.md").write_text(text, encoding="utf-8")
+            for name, content in pictures.items():
+                (TARGET / NOTEBOOKS.name / name).write_bytes(content)
     site = {path.relative_to(TARGET).as_posix() for path in TARGET.rglob("*") if path.is_file()}
     failed = []
     for name in sorted(path for path in site if path.endswith(".md")):
