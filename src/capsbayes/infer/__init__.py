@@ -4,6 +4,5 @@ from capsbayes.infer.identify import ENGINES, identify
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.prior import Marginal, Membrane, Prior
 from capsbayes.infer.quadrature import Quadrature
-from capsbayes.infer.tension import membrane_tension
 
-__all__ = ["ENGINES", "Marginal", "Membrane", "Posterior", "Prior", "Quadrature", "identify", "membrane_tension"]
+__all__ = ["ENGINES", "Marginal", "Membrane", "Posterior", "Prior", "Quadrature", "identify"]
