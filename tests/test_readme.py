@@ -41,12 +41,14 @@ def test_what_would_be_missed_is_an_error(text):
         runpy.run_path(str(SCRIPT))["blocks"](text)
 
 
-def test_the_python_prints_an_interval_that_holds_the_truth():
+def test_the_python_prints_an_interval_that_holds_the_truth(tmp_path):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     script = re.search(r"\n```python\n(.*?)```\n", README, re.DOTALL)[1]
-    done = subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", script], check=True, cwd=tmp_path, capture_output=True, text=True)
     median, low, high = (float(number) for number in re.findall(r"0\.\d+", done.stdout))
     assert 0.045 < low < median < high < 0.055
     assert low < 0.05 < high
+    assert (tmp_path / "corner.png").stat().st_size > 1000
 
 
 def test_the_figures_of_coverage_are_those_of_the_last_run():

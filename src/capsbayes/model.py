@@ -466,6 +466,13 @@ class Extended(Derived):
         return (self.model.with_membrane() or self.model).added_up(theta)
 
 
+def name_parts(model: str) -> tuple[str, str, tuple[str, ...]]:
+    """Split the name of a model: cross-section with law, further coordinate, what is held, as ``"bending = 0.001"``."""
+    plain, _, held = model.removesuffix(" (silhouettes)").partition(" at ")
+    plain, _, coordinate = plain.partition(" with ")
+    return plain, coordinate, tuple(held.split(", ")) if held else ()
+
+
 class FixedParameters(Derived):
     """A forward model with known values of further coordinates, or known sizes of effects.
 

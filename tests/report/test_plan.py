@@ -23,7 +23,7 @@ from capsbayes.plan import (
 from capsbayes.quantity import Quantity
 from capsbayes.report import budget_figure, flow_figure, identifiability_figure, sobol_figure
 from capsbayes.report.plan import membrane_flow_figure, membrane_map_figure
-from capsbayes.report.simulation import transient_figure
+from capsbayes.report.simulation import shape_figure, transient_figure
 from capsbayes.status import Status
 
 LAB = Experiment(cross_section="square", half_width=25e-6, viscosity=Quantity(0.85, 0.02))
@@ -127,6 +127,19 @@ def collections(figure):
     figure.draw_without_rendering()
     channel, membrane = (child for child in figure.axes[0].get_children() if isinstance(child, PolyCollection))
     return channel, membrane
+
+
+def test_a_shape_is_drawn_in_the_colours_of_its_tensions():
+    state = Simulator(refinement=4, bending=1e-3).run(capillary_number=0.05, size_ratio=0.8)
+    figure = drawn(shape_figure(state))
+    (membrane,) = (child for child in figure.axes[2].get_children() if isinstance(child, PolyCollection))
+    tensions, largest = membrane.get_array(), state.principal_tensions.max()
+    assert 0.9 * largest < tensions.max() <= membrane.get_clim()[1] == largest
+    centres = np.array([path.vertices[:3].mean(axis=0) for path in membrane.get_paths()])
+    assert np.ptp(centres[:, 0]) > 0.8 * np.ptp(state.profile.points[:, 0])
+    foremost = centres[:, 0] > np.quantile(centres[:, 0], 0.9)
+    assert tensions[foremost].mean() > 1.5 * tensions[~foremost].mean()  # the nose bears most
+    assert f"at most {largest:.3f}" in figure.axes[2].get_title()
 
 
 def test_every_moment_has_a_view_with_its_time(moment):

@@ -137,7 +137,8 @@ def identify(
             posterior = refined.noted_in(posterior)
         if not model.coordinates:
             posterior = with_other_laws(posterior)
-        result, files = posterior_summary(posterior), posterior_files(posterior)
+        result = posterior_summary(posterior) if wants_json.get() else posterior.as_dict()  # the former imports ArviZ
+        files = posterior_files(posterior)
         parts, words = [*posterior_parts(posterior), model_words(**result["model"], seed=seed)], status_words(posterior)
         conclude(result, parts, files, out=out, status=posterior.status, status_words=words)
 

@@ -23,7 +23,7 @@ from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.predictive import Predictive
 from capsbayes.infer.prior import LIMITED, THICKNESS, Inputs, Marginal, Prior
 from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise, Pose
-from capsbayes.model import ForwardModel
+from capsbayes.model import ForwardModel, name_parts
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity, json_number
 from capsbayes.readable import as_html
@@ -690,12 +690,12 @@ class Posterior:
             expected, advice = "one of a model alone", "give the one before it was corrected"
             raise InputError(where, "posterior", expected, "one that the simulator corrected", advice)
         if model is None:
-            name, _, coordinate = self.model_name.removesuffix(" (silhouettes)").partition(" with ")
+            name, coordinate, held = name_parts(self.model_name)
             if coordinate:
                 name = f"{name.split('-')[0]}-{coordinate.replace('_', '-')}"
             from capsbayes.database import Database
 
-            if name not in Database.shipped():
+            if held or name not in Database.shipped():
                 expected = f"the model of the posterior, {self.model_name}"
                 raise InputError(where, "model", expected, "nothing, and no such database comes with the library")
             from capsbayes.surrogate import Surrogate

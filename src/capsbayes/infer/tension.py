@@ -12,6 +12,7 @@ from capsbayes.arrays import Floats
 from capsbayes.infer.posterior import Posterior
 from capsbayes.infer.prior import LAWS, THICKNESS, Marginal
 from capsbayes.membrane_database import FREE_PARAMETERS, MembraneDatabase, covered
+from capsbayes.model import name_parts
 from capsbayes.surrogate.membrane import StateCoordinates, averaged, local_fits, parameter_columns
 
 _OF_MODELS = {  # law of the membrane by the names of models without their cross-section
@@ -77,10 +78,8 @@ def membrane_tension(posterior: Posterior) -> MembraneTension | None:
 
 def _parameters(model: str) -> dict[str, float] | None:
     """Return what a model of some name holds of the membrane's parameters; None if its capsules have others."""
-    plain, _, held = model.removesuffix(" (silhouettes)").partition(" at ")
-    plain, _, further = plain.partition(" with ")
-    law = _OF_MODELS.get(plain.partition("-")[2])
-    at = dict(part.split(" = ") for part in held.split(", ")) if held else {}
+    plain, further, held = name_parts(model)
+    law, at = _OF_MODELS.get(plain.partition("-")[2]), dict(part.split(" = ") for part in held)
     if law is None or not {*at, *filter(None, [further])} <= set(FREE_PARAMETERS):
         return None
     return {**law, **{name: float(value) for name, value in at.items()}}

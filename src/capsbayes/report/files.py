@@ -28,7 +28,7 @@ def posterior_files(posterior: Posterior) -> dict[str, Writer]:
     """Return the writers of all files of an identified capsule by the names of the files."""
     files: dict[str, Writer] = {
         "posterior.nc": posterior.write,
-        "summary.json": json_file(posterior_summary(posterior)),
+        "summary.json": lambda path: json_file(posterior_summary(posterior))(path),
         "corner.png": figure_file(lambda: _figures().corner_of_all(posterior), dpi=110),
     }
     if posterior.outlines is not None:

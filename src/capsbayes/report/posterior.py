@@ -15,7 +15,7 @@ from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR
 from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN, Marginal
 from capsbayes.infer.tension import MembraneTension
 from capsbayes.infer.verdict import LEANING_SHARE, ONE_END, RANGE
-from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES
+from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, name_parts
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import (
     interval_words,
@@ -38,7 +38,6 @@ _LOOSE = 2.0  # ratio of the ends of the 95 % interval of G_s
 BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
 _SENSITIVE = 0.05  # `Posterior.prior_sensitivity`, above which the choice of the prior matters
-_FLAT = 0.1  # standard deviation of the log prior below which the sensitivity is below that, and ArviZ is not imported
 _SHARES = (np.arange(1000) + 0.5) / 1000  # of the probability of a prior
 _FAR = 2.0  # standard deviations between a prior and what the capsule says by itself
 _INPUTS = {
@@ -76,8 +75,8 @@ def status_words(posterior: Posterior) -> str:
 
 def membrane_words(model: str) -> str:
     """Return what a model of some name assumes of the membrane."""
-    plain, _, further = model.removesuffix(" (silhouettes)").replace(" with ", " at ").partition(" at ")
-    law, changed = plain.partition("-")[2], {part for part in further.split(", ") if part.startswith(_OF_LAW)}
+    plain, further, held = name_parts(model)
+    law, changed = plain.partition("-")[2], {part for part in (further, *held) if part.startswith(_OF_LAW)}
     if law == "membrane":
         stated = {law: {f"{name} = {value:g}" for name, value in of.items()} for law, of in LAWS.items()}
         law, changed = next((law.lower() for law, parts in stated.items() if parts == changed), ""), set()
@@ -99,18 +98,23 @@ def update_words(posterior: Posterior) -> str:
     return f"Stated before: {value_words(name, before)}. With this capsule: {value_words(name, posterior[name])}."
 
 
+def sensitivity_words(posterior: Posterior) -> str:
+    """Say whether the prior of G_s decides a part of it; empty if not. For pages, which import ArviZ anyway."""
+    sensitivity = posterior.prior_sensitivity["surface_shear_modulus"]
+    if sensitivity <= _SENSITIVE:
+        return ""
+    return f"The prior of G_s decides a part of it: its sensitivity is {sensitivity:.2g}, above {_SENSITIVE:g}."
+
+
 def _of_prior(posterior: Posterior) -> Iterator[str]:
-    """Say where the prior decides, and where the capsule contradicts it."""
+    """Say where the capsule contradicts a prior that is no range."""
     modulus, name = posterior.prior.surface_shear_modulus, "surface_shear_modulus"
-    flat = np.std(sum(posterior.log_prior().values())) < _FLAT
-    if not flat and (sensitivity := posterior.prior_sensitivity[name]) > _SENSITIVE:
-        yield f"The prior of G_s decides a part of it: its sensitivity is {sensitivity:.2g}, above {_SENSITIVE:g}."
     if modulus.is_range:
         return
     # a prior and data of Gaussian errors differ by (posterior - prior) / sqrt(var(prior) - var(posterior))
-    before, after = np.log(modulus.ppf(_SHARES)), np.log(posterior.draws[name])
-    gained = float(np.var(before) - np.var(after))
-    far = abs(float(np.median(after) - np.median(before))) / math.sqrt(gained) if gained > 0.0 else 0.0
+    gained = float(np.var(np.log(modulus.ppf(_SHARES)))) - posterior.log_modulus_sd**2
+    away = abs(math.log(posterior[name].median / float(modulus.ppf(0.5))))
+    far = away / math.sqrt(gained) if gained > 0.0 else 0.0
     if far > _FAR:
         yield (
             f"This capsule by itself and the prior of G_s are {far:.1f} standard deviations apart: "

@@ -27,7 +27,7 @@ _AZIMUTH, _ELEVATION = np.radians(32.0), np.radians(16.0)
 _LIGHT = np.array([-0.42, 0.60, 0.68])  # right, up, towards the eye
 _CORNER = 0.94  # cosine between two neighbouring pieces of wall, below which the channel has an edge there
 _BEHIND, _CAPSULE, _BEFORE = 2.0, 3.0, 4.0
-_PARTS = 6  # of an edge of an element, into which `facets` divides it
+_PARTS = 6  # of an edge of an element
 _LOOKS: Any = ({"zorder": _BEHIND, "alpha": 1.0}, {"zorder": _BEFORE, "alpha": 0.5})  # of edges behind and before
 
 
@@ -62,7 +62,7 @@ def _draw_section(ax: Axes, state: SteadyState) -> None:
 
 def _draw_tensions(ax: Axes, state: SteadyState) -> None:
     """The membrane seen obliquely, coloured by its larger principal tension; the flow goes right and away."""
-    corners, _ = facets(state.mesh.elements, state.surface_nodes)
+    corners, _ = facets(state.mesh.elements, state.surface_nodes, _PARTS)
     grid, triangles = subdivision(_PARTS)
     tensions = (p2(grid) @ state.principal_tensions[state.mesh.elements, 0].T).T[:, triangles].mean(axis=-1).ravel()
     points = corners @ _camera().T
