@@ -95,7 +95,7 @@ _TABLE = (
         "Young's modulus of the membrane, 4 K_s G_s/(K_s + G_s)",
     ),
     ("young_modulus", "E", "E", "Pa", "Young's modulus of the membrane's material, E_s / t"),
-    ("largest_tension", "T_max", r"T_\mathrm{max}", "N/m", "largest principal tension of the membrane, tau_max G_s"),
+    ("largest_tension", "T_max", r"T_\mathrm{max}", "N/m", "largest principal tension of the membrane"),
     ("capsule_radius", "a", "a", "m", "radius of the capsule at rest"),
     ("bending", "B", "B", "G_s a^2", "bending modulus of the membrane"),
     ("membrane_thickness", "t", "t", "m", "thickness of the membrane"),
