@@ -99,13 +99,27 @@ def test_as_often_as_is_said_another_effect_gets_a_name(blurred):
     assert blurred.calibration(0.5).threshold == np.inf
 
 
-def test_an_effect_that_is_not_tried_gets_no_name(model, blurred):
-    """Motion blur looks like oblong pixels, but more so at high velocities."""
+@pytest.fixture(scope="module")
+def unexplained(model, blurred):
+    """Motion blur, which is not tried, looks like oblong pixels, but more so at high velocities."""
     others = {name: each for name, each in LENGTHENING.items() if name != "exposure"}
-    study = diagnose(blurred.session, model, seed=1, candidates=others)
-    assert study.verdict in (Verdict.AMBIGUOUS, Verdict.UNKNOWN)
-    assert study.something_else or study.verdict is Verdict.UNKNOWN
-    assert study.probabilities[UNKNOWN] > 0.5
+    return diagnose(blurred.session, model, seed=1, candidates=others)
+
+
+def test_an_effect_that_is_not_tried_gets_no_name(unexplained):
+    assert unexplained.verdict in (Verdict.AMBIGUOUS, Verdict.UNKNOWN)
+    assert unexplained.something_else or unexplained.verdict is Verdict.UNKNOWN
+    assert unexplained.probabilities[UNKNOWN] > 0.5
+
+
+def test_something_else_in_question_widens_the_modulus_however_improbable_it_is(unexplained):
+    odds = unexplained.odds
+    unlikely = replace(odds, other=odds.other - 60.0, like={name: log - 60.0 for name, log in odds.like.items()})
+    sure, open_ = (replace(unexplained, odds=unlikely, something_else=open_) for open_ in (False, True))
+    assert sure.probabilities == open_.probabilities
+    assert sure.probabilities[UNKNOWN] < 1e-6
+    widths = [np.log(study.surface_shear_modulus.high / study.surface_shear_modulus.low) for study in (sure, open_)]
+    assert widths[1] > 1.2 * widths[0]
 
 
 def test_probabilities_verdict_and_sentence_agree(model):

@@ -29,7 +29,7 @@ from capsbayes.diagnosis.finding import (
 )
 from capsbayes.diagnosis.fits import Fits, fitted
 from capsbayes.diagnosis.odds import Calibration, Change, Explanation, Names, Odds
-from capsbayes.diagnosis.scores import LIKENESS, Measured, Scores, Trial, whitening
+from capsbayes.diagnosis.scores import Measured, Scores, Trial, whitening
 from capsbayes.diagnosis.search import AT_MOST, LEAST_RATIO, Comparison, Search
 from capsbayes.diagnosis.session import Session
 from capsbayes.diagnosis.verification import Verification, verified
@@ -47,6 +47,7 @@ _SHOWS = 3.5  # standard errors, from which a second effect is looked for
 _HELD_OUT = 0.05  # p-value of the capsules that did not tell the sizes, from which they do not confirm a name
 _OF_QUARTILES = 0.7413  # standard deviation of normal values over the distance of their quartiles
 _ESTABLISHED = 3.0  # standard errors from the null value, from which an effect measured elsewhere is there
+_IN_QUESTION = 0.1  # weight of something else at least, where it is in question, for G_s
 
 
 class Verdict(Enum):
@@ -187,7 +188,8 @@ class Study(Readable):
         """Median G_s of the session with what is not known of the effect, its size and the viscosity.
 
         All explanations count, as probable as they are: each effect, what is like it, something else and no effect.
-        What is in no candidate changes G_s as effects of the catalogue do that displace the outlines as much.
+        What is in no candidate changes G_s as effects of the catalogue do that displace the outlines as much. Where it
+        is in question, it counts one tenth at least.
         """
         if self.comparison is None or self.odds is None:
             return SessionModulus(*(3 * [float("nan")]))
@@ -205,21 +207,21 @@ class Study(Readable):
         return self.trials[names[0]].fits if len(names) == 1 else self.pairs[names].fits
 
     def _explanations(self) -> Iterator[tuple[float, Changes]]:
-        """Yield the probability of each explanation, and what acts in it."""
+        """Yield the weight of each explanation, and what acts in it."""
+        # What is only like an effect changes the outlines as it does, but not G_s: how it changes that is not known.
         odds, discrepancy = self.odds, self.finding.discrepancy
         assert odds is not None, "there are capsules"
         whole = odds.whole
+        unknown = np.exp(odds.something_else - whole)
+        least = _IN_QUESTION / (1.0 - _IN_QUESTION) * (1.0 - unknown) / unknown if self.something_else else 1.0
+        raised = max(least, 1.0)
         yield np.exp(odds.nothing - whole), ()
-        yield np.exp(odds.other - whole), (UnknownChange(*discrepancy.amplitudes),)
+        yield raised * np.exp(odds.other - whole), (UnknownChange(*discrepancy.amplitudes),)
         for names, log in odds.exact.items():
-            effects = self._together(names)
-            yield np.exp(log - whole), effects
+            yield np.exp(log - whole), self._together(names)
             amplitude = odds.visibility[names] / discrepancy.scale if odds.visibility[names] > 0.0 else 0.0
-            parts = amplitude * np.array(LIKENESS)
-            yield (
-                np.exp(odds.like[names] - whole),
-                (*effects, UnknownChange(parts, np.full(len(parts), 1.0 / len(parts)))),
-            )
+            like = UnknownChange(np.array([amplitude]), np.ones(1))
+            yield raised * np.exp(odds.like[names] - whole), (like,)
 
     def _together(self, names: Names) -> tuple[Scores, ...]:
         """Return what effects change that act together: the last, scored with the others, brings the change by all."""

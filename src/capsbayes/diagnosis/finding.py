@@ -250,7 +250,7 @@ _FEWEST_CAPSULES = 3  # capsules, whose scatter tells the error of their median
 _OF_MEDIAN = 1.2533  # standard error of a median of normal values over that of their mean
 
 
-_STEEPNESS, _STEEPNESS_SPREAD = 20.0, 1.0  # |d ln G_s| per l of visible displacement by effects: median, sd of its log
+_STEEPNESS, _STEEPNESS_SPREAD = 20.0, 1.25  # |d ln G_s| per l of visible displacement by effects: median, sd of its log
 _LARGEST_CHANGE = 0.8  # standard deviation of ln G_s by anything that is not known
 
 
