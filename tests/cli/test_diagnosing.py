@@ -95,7 +95,7 @@ def test_a_table_with_an_experiment_and_what_is_left_out(diagnose, model):
     with table.open("a") as file:
         file.write(f"[bad],2.1{',' * (columns - 1)}\n")
     printed = diagnose(table, "--experiment", "set/experiment.toml")
-    assert "1 capsules were left out: " in printed
+    assert "1 capsule was left out: " in printed
     assert "capsule [bad]" in printed
 
 

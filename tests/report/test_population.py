@@ -57,6 +57,13 @@ def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     assert headline_of(population_page(heavy.added_to(population()))).startswith("Median Gs = ")
 
 
+def test_one_capsule_is_said_in_the_singular():
+    one = Population(population().dataset.isel(capsule=[0]))
+    text = plain(population_page(one)) + str(list(population_parts(one)))
+    assert "1 capsules" not in text
+    assert "The intervals of 1 capsule can be used." in text
+
+
 @pytest.mark.parametrize(("small", "said"), [(1, False), (3, True)])
 def test_more_small_p_values_than_expected_are_said(small, said):
     p_values = np.where(np.arange(8) < small, 0.03, 0.5)

@@ -242,7 +242,8 @@ def test_lengths_alone_are_said_and_leave_no_outlines(model, study):
     assert len(pictures(page)) == 2 if alone.verification is None else 3
     first, *others = study.session.measurements
     mixed = Session([replace(first, outline=None), *others], study.session.experiment)
-    assert any(words.startswith("1 of 14 capsules have no outline") for words in opening(replace(study, session=mixed)))
+    said = opening(replace(study, session=mixed))
+    assert any(words.startswith("No outline is known of 1 of 14 capsules") for words in said)
     assert not any("no outline" in words or "Lengths alone" in words for words in opening(study))
 
 
@@ -256,7 +257,7 @@ def test_no_disagreement_or_too_few_capsules_make_a_shorter_page(model):
     assert "How the capsules compare with it" in page
     assert "Where the capsules disagree with it" not in page
     assert "What would explain it" not in page
-    assert "1 capsules were left out" in page
+    assert "1 capsule was left out" in page
     assert "expected &lt;this&gt;" in page
     assert Tags(page).open == []
     session, _ = drawn_session(model, 6, seed=7)

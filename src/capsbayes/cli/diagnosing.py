@@ -16,6 +16,7 @@ from capsbayes.cli.output import conclude, tell
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
 from capsbayes.report.files import Writer, json_file
+from capsbayes.report.numbers import counted
 
 if TYPE_CHECKING:
     from capsbayes.diagnosis.blind import TrueEffect
@@ -165,7 +166,7 @@ def hide(
         write_file(out / "seal.txt", f"sha256 of the truth: {seal}\n")
     count = len(hidden.session)
     told = {"folder": str(out), "capsules": count, "truth": str(file), "sha256": seal}
-    tell(told, f"{out}: {count} capsules; the truth is in {file}, sealed by {seal[:12]}")
+    tell(told, f"{out}: {counted(count, 'capsule')}; the truth is in {file}, sealed by {seal[:12]}")
 
 
 def _size(effect: TrueEffect, text: str) -> float:

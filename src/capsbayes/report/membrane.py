@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from capsbayes.infer.prior import Marginal
 from capsbayes.infer.shared_membrane import LawOdds, SharedMembrane
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import marginal_cells, per_cent, rounded
+from capsbayes.report.numbers import counted, marginal_cells, per_cent, rounded
 from capsbayes.report.posterior import border_words, refinement_words, told_words
 from capsbayes.report.style import ACCENT, INK, PALE, WALL, framed, legend_below, new_figure, plain_numbers, ratio_label
 from capsbayes.report.tables import Strong, Symbols, table
@@ -85,7 +85,7 @@ def membrane_table(shared: SharedMembrane) -> pd.DataFrame:
         width = per_cent(widths[name]) if name in widths else ""
         rows.append([Symbols(PARAMETERS[name].label), *marginal_cells(name, marginal), width])
     head = ("", "median", "68 % interval", "95 % interval", "of the prior's width")
-    title = f"Membrane and population of {len(shared)} capsules: median and equal-tailed intervals"
+    title = f"Membrane and population of {counted(len(shared), 'capsule')}: median and equal-tailed intervals"
     return table(head, rows, title=title, numbers=range(1, len(head)))
 
 

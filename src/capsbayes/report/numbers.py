@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capsbayes.infer import Marginal
 from capsbayes.parameters import PARAMETERS, Parameter
+
+if TYPE_CHECKING:
+    from capsbayes.infer import Marginal
 
 
 def decimals(error: float) -> int:
@@ -42,6 +45,11 @@ def together(values: Sequence[float], digits: int) -> list[str]:
     if min(values) > 0.0 and min(values) < 10.0 ** (1 - digits):
         return [rounded(value, 1 - math.floor(math.log10(value))) for value in values]
     return [rounded(value, digits) for value in values]
+
+
+def counted(number: int, noun: str, one: str = "", several: str = "") -> str:
+    """Return a number with its noun, and perhaps a verb: "1 capsule was", "2 capsules were"."""
+    return f"{number} {noun} {one}".rstrip() if number == 1 else f"{number} {noun}s {several}".rstrip()
 
 
 def unit_of(parameter: Parameter) -> str:

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 import capsbayes
+from capsbayes.report.numbers import counted
 from capsbayes.report.tables import html_table, typeset
 
 # The content of CITATION.cff
@@ -97,6 +98,6 @@ def _templates() -> Environment:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals |= {"message": MESSAGE, "software": SOFTWARE, "article": ARTICLE, "doi": DOI}
-    environment.globals["version"] = capsbayes.__version__
+    environment.globals |= {"version": capsbayes.__version__, "counted": counted}
     environment.filters |= {"table": html_table, "typeset": typeset, "picture": picture, "drawing": drawing}
     return environment

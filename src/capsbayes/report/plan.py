@@ -25,7 +25,7 @@ from capsbayes.plan import ErrorBudget, FlowDesign, MembraneFlowDesign, PlannedF
 from capsbayes.plan.membrane import KNOWN, MEASURED, UNKNOWN
 from capsbayes.plan.widths import EACH, LOGARITHMIC
 from capsbayes.report import style
-from capsbayes.report.numbers import per_cent, stated_in, unit_of, with_unit
+from capsbayes.report.numbers import counted, per_cent, stated_in, unit_of, with_unit
 from capsbayes.report.posterior import told_words
 from capsbayes.report.style import ACCENT, FILL, INK, PALE, WALL
 from capsbayes.report.tables import Symbols, table
@@ -159,7 +159,8 @@ def membrane_flow_table(design: MembraneFlowDesign) -> pd.DataFrame:
     rows.append(["prior", "", "", "", "", "", *(f"{design.prior_sds[name]:.2g}" for name in names)])
     head = ["flow rates", f"U [{_SPEED.shown_unit}]", "Ca", "mean\nln G_s", "membrane\nknown", "ln G_s\nof each"]
     head += [f"{'ln ' * (name in LOGARITHMIC)}{PARAMETERS[name].symbol}" for name in names]
-    batch = "one capsule, filmed" if design.same_capsule else f"{design.capsules} capsules, filmed in equal shares"
+    several = f"{counted(design.capsules, 'capsule')}, filmed in equal shares"
+    batch = "one capsule, filmed" if design.same_capsule else several
     title = f"Expected standard deviations: {batch} at the best flow rates"
     return table(list(map(Symbols, head)), rows, title=title, numbers=range(3, len(head)))
 

@@ -15,7 +15,7 @@ from capsbayes.infer.population import Population
 from capsbayes.infer.selection import NORMAL
 from capsbayes.infer.verdict import PREDICTED
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import decimals, interval_words, per_cent, together, two_digits, unit_of
+from capsbayes.report.numbers import counted, decimals, interval_words, per_cent, together, two_digits, unit_of
 from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
 from capsbayes.status import Status
 
@@ -47,14 +47,16 @@ def width_words(population: Population) -> str:
     if not np.isfinite(half):
         return ""
     used = int(population.usable.sum())
-    return f"Median of {used} capsules; the 95 % interval of a single capsule is typically ± {per_cent(half)}."
+    return (
+        f"Median of {counted(used, 'capsule')}; the 95 % interval of a single capsule is typically ± {per_cent(half)}."
+    )
 
 
 def status_words(population: Population) -> str:
     """Say how many capsules have intervals that can be used."""
     number, used = len(population), int(population.usable.sum())
     if used == number:
-        return f"The intervals of all {number} capsules can be used."
+        return f"The intervals of {'all ' * (number > 1)}{counted(number, 'capsule')} can be used."
     others = "the other one is" if number - used == 1 else f"the other {number - used} are"
     return f"The intervals of {used} of {number} capsules can be used; {others} omitted from the numbers above."
 
@@ -97,8 +99,9 @@ def missing_words(stored: Mapping[str, Any]) -> str:
         for name, change in stored["changes_by_the_missing"].items()
     )
     return (
-        f"{number} further capsules, 95 % [{low}, {high}], were probably too soft for a steady shape in their flow and "
-        f"are missing among the {stored['capsules']}. This is accounted for; it changes the median {changes}."
+        f"Missing among the {stored['capsules']}, as too soft for a steady shape in their flow: probably "
+        f"{counted(int(number), 'capsule')}, 95 % [{low}, {high}]. This is accounted for; it changes the median "
+        f"{changes}."
     )
 
 

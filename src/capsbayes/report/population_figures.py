@@ -14,7 +14,7 @@ from capsbayes.infer.hierarchy import ModulusSpread
 from capsbayes.infer.population import Population
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import population as texts
-from capsbayes.report.numbers import with_unit
+from capsbayes.report.numbers import counted, with_unit
 from capsbayes.report.page import page
 from capsbayes.report.posterior import membrane_words
 from capsbayes.report.style import ACCENT, INK, PALE, framed, legend_below, new_plot, plain_numbers
@@ -65,8 +65,9 @@ def bar_words(population: Population) -> dict[str, list[str]]:
     """What each bar of the histogram says, by its ``gid``."""
     edges, counts = _bars(population)
     ends = _MODULUS.scale * np.exp(edges)
+    everyone = counted(counts.sum(), "capsule")
     return {
-        f"bar-{k}": [f"{ends[k]:.3g} to {ends[k + 1]:.3g} {_MODULUS.shown_unit}: {count} of {counts.sum()} capsules"]
+        f"bar-{k}": [f"{ends[k]:.3g} to {ends[k + 1]:.3g} {_MODULUS.shown_unit}: {count} of {everyone}"]
         for k, count in enumerate(counts)
         if count
     }

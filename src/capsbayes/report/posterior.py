@@ -18,6 +18,7 @@ from capsbayes.infer.verdict import LEANING_SHARE, ONE_END, RANGE
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, name_parts
 from capsbayes.parameters import PARAMETERS
 from capsbayes.report.numbers import (
+    counted,
     interval_words,
     marginal_cells,
     per_cent,
@@ -267,7 +268,7 @@ def refinement_words(refinement: Mapping[str, Any]) -> Iterator[str]:
     new = refinement["states"] - refinement["reused"]
     yield (
         f"States of refinement {refinement['refinement']} were added to the model where the posterior lies: "
-        f"{refinement['reused']} of earlier runs, {new} new in {rounds} {'round' if rounds == 1 else 'rounds'}. "
+        f"{refinement['reused']} of earlier runs, {new} new in {counted(rounds, 'round')}. "
         f"The error of the model makes up {after} of the variance of ln G_s, without them {before}."
     )
     if refinement["agrees"] is not None:

@@ -21,7 +21,7 @@ from capsbayes.diagnosis import (
 from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import unit_of, with_unit
+from capsbayes.report.numbers import counted, unit_of, with_unit
 from capsbayes.report.tables import Strong, Symbols, table
 
 ALONE = {NOTHING: "no effect", UNKNOWN: "something else"}
@@ -46,7 +46,8 @@ def verdict_sentence(study: Study) -> str:
     """Return the verdict of a study in one sentence."""
     model = study.tested_model.name
     if study.verdict is Verdict.NOT_TESTABLE:
-        return f"These data cannot tell: {len(study.session)} capsules are too few to compare with {model}."
+        few = counted(len(study.session), "capsule", "is", "are")
+        return f"These data cannot tell: {few} too few to compare with {model}."
     if study.verdict is Verdict.NONE:
         return f"No disagreement was found between the capsules and {model}."
     disagree = f"The capsules disagree with {model}, and"
@@ -145,11 +146,12 @@ def _lacking(study: Study) -> Iterator[str]:
     outliers = () if study.comparison is None else study.comparison.outliers
     if outliers:
         names = ", ".join(outliers)
-        yield f"{len(outliers)} capsules have no shape of {study.tested_model.name}, or lie far off: {names}."
+        count = counted(len(outliers), "capsule", "is", "are")
+        yield f"{count} without a shape of {study.tested_model.name}, or far off: {names}."
     session = study.session
     without = sum(measured.outline is None for measured in session.measurements)
     if 0 < without < len(session):
-        yield f"{without} of {len(session)} capsules have no outline; they only count for the trends of G_s."
+        yield f"No outline is known of {without} of {len(session)} capsules: only the trends of G_s use them."
     elif without:
         yield (
             "Lengths alone were given: Ca and a/l of a capsule absorb both, so that only trends of G_s with velocity "
@@ -202,8 +204,8 @@ def origin_words(study: Study) -> str:
     model = study.tested_model
     outlines = sum(measured.outline is not None for measured in study.session.measurements)
     return (
-        f"{len(study.session)} capsules, {outlines} with an outline; model {model.name}, sha256 {model.sha256[:12]}; "
-        f"seed {study.seed}."
+        f"{counted(len(study.session), 'capsule')}, {outlines} with an outline; model {model.name}, "
+        f"sha256 {model.sha256[:12]}; seed {study.seed}."
     )
 
 
@@ -249,7 +251,7 @@ def p_value_words(p_value: float) -> str:
 def finding_table(finding: Finding) -> pd.DataFrame:
     """Return every deviation that was tested, the most surprising first."""
     rows = [(Symbols(each.name), deviation_words(each), p_value_words(each.p_value)) for each in finding.deviations]
-    title = f"Deviations of {finding.capsules} capsules from the model"
+    title = f"Deviations of {counted(finding.capsules, 'capsule')} from the model"
     return table(("where", "size ± standard error (significance)", "p-value"), rows, title=title)
 
 
@@ -310,7 +312,7 @@ def held_out_table(verification: Verification) -> pd.DataFrame:
         (Symbols("median G_s"), _modulus(before), f"{_modulus(after)} ({100.0 * (after / before - 1.0):+.1f} %)"),
     ]
     title = "Capsules predicted with the size that the other half tells"
-    return table((f"{len(ratios)} capsules", "before", "after"), rows, title=title)
+    return table((counted(len(ratios), "capsule"), "before", "after"), rows, title=title)
 
 
 def limits_table(study: Study) -> pd.DataFrame | None:
@@ -364,7 +366,7 @@ def study_parts(study: Study) -> Iterator[str | pd.DataFrame]:
     yield from (Strong(verdict), *further)
     left_out = study.session.left_out
     if left_out:
-        yield "\n  ".join([f"{len(left_out)} capsules were left out:", *left_out])
+        yield "\n  ".join([f"{counted(len(left_out), 'capsule', 'was', 'were')} left out:", *left_out])
     if study.finding.deviations:
         yield finding_table(study.finding)
     if (limits := limits_table(study)) is not None:
