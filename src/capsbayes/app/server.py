@@ -68,12 +68,12 @@ class AccessControl:
         brings = scope.get("method") == "GET" and _same(asked.query_params.get("token", ""), self._token)
         within = scope["path"].startswith(f"{self._place}/")
         if not (within and (brings or self._is_known(asked.headers)) and self._is_here(asked.headers)):
-            answer = _refused(403, "This page is opened by the address that capsbayes app printed last.")
+            answer = PlainTextResponse("This page is opened by the address that capsbayes app printed last.", 403)
             await (WebSocketClose(1008) if scope["type"] == "websocket" else answer)(scope, receive, send)
         elif brings:
             await self._let_in()(scope, receive, send)
         elif int(asked.headers.get("content-length", "0") or 0) > MOST_BYTES:
-            await _refused(413, f"At most {MOST_BYTES >> 20} MB.")(scope, receive, send)
+            await PlainTextResponse(f"At most {MOST_BYTES >> 20} MB.", 413)(scope, receive, send)
         else:
             await self._app({**scope, "root_path": self._place}, _capped(receive), _marked(send))
 
@@ -97,10 +97,6 @@ class AccessControl:
 
 def _same(given: str, secret: str) -> bool:
     return hmac.compare_digest(given.encode(), secret.encode())
-
-
-def _refused(status: int, reason: str) -> Response:
-    return PlainTextResponse(reason, status)
 
 
 def _sent_on(address: str) -> str:
