@@ -104,6 +104,12 @@ def test_a_key_that_no_experiment_has_is_refused_by_its_name(tmp_path):
     assert not (tmp_path / "experiment.toml").exists()
 
 
+@pytest.mark.parametrize(("text", "width"), [("25 +/- 0.2 um", 50.0), ("0.024 .. 0.026 mm", 50.0), ("wide", 0.0)])
+def test_the_width_of_the_channel_is_known_where_the_half_width_can_be_read(text, width, tmp_path):
+    _, step, _ = filled(tmp_path, f'cross_section = "square"\nhalf_width = "{text}"\nviscosity = "1 Pa s"\n')
+    assert step.width == pytest.approx(width)
+
+
 def test_a_file_in_si_is_shown_in_the_units_of_the_form(tmp_path):
     text = 'cross_section = "square"\nhalf_width = "2.5e-05 +/- 2e-07 m"\nviscosity = "8e-1 Pa s"\n'
     desk, _, _ = filled(tmp_path, text)

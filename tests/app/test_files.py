@@ -21,7 +21,9 @@ from capsbayes.status import Status
 
 ROOT = Path(__file__).parents[2]
 EXPERIMENT = 'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 +/- 0.02 Pa s"\n'
-STATED = Stated("capsule.png", background="empty.png", velocity="6.20 +/- 0.06 mm/s")
+STATED = Stated(
+    "capsule.png", background="empty.png", velocity="6.20 +/- 0.06 mm/s", surface_shear_modulus="50 +/- 20 mN/m"
+)
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ pytest.importorskip("nicegui", reason="the extra app is not installed")
 from nicegui import ui
 from nicegui.testing import user_simulation
 
-from capsbayes.app import many
+from capsbayes.app import many, measuring
+from capsbayes.app.channel import ChannelStep
 from capsbayes.app.desk import Bench, Desk
 
 PICTURE = Path("examples/pictures/capsule.png").read_bytes()
@@ -23,15 +24,18 @@ def statuses(desk, monkeypatch):
     made = []
 
     async def shown(task, **how):
-        return {"rows": 160, "columns": 220, "src": "", "count": 1}
+        return {"rows": 160, "columns": 220, "src": "", "count": 1, "stated": {}}
 
     async def chosen(folder):
         raise AssertionError(folder)
 
+    def page():
+        made.append(many.ManyStep(desk, lambda: None, chosen, {}))
+
     async def pressed():
-        async with user_simulation(lambda: made.append(many.ManyStep(desk, lambda: None, chosen))) as user:
+        async with user_simulation(page) as user:
             await user.open("/")
-            upload = next(iter(user.find(ui.upload).elements))
+            upload = next(iter(user.find(marker="many").elements))
             await upload.handle_uploads([ui.upload.SmallFileUpload(f"{x}.png", "", PICTURE + x.encode()) for x in "ab"])
             while len(made[-1]._files) < 2:
                 await asyncio.sleep(0.05)
@@ -51,6 +55,49 @@ def test_one_velocity_for_several_pictures_is_refused_in_the_words_of_the_page(t
     expected = "Its velocity is missing: that of step 3 is of one capsule."
     assert statuses(desk, monkeypatch) == {f"{expected} Type the file's own, or the flow rate in step 3."}
     assert not list(tmp_path.glob("**/measurement.toml"))
+
+
+STATED = {"half_width": "25 um", "pixel_size": "0.68 um", "flow_rate": "0.5625 uL/min"}
+TYPED = {"half_width": "25.1 +/- 0.2 um", "pixel_size": "0,70 +/- 0.01 um", "velocity": "5 mm/s"}
+DIFFER = "Size of a pixel of an .rtdc file: the file states 0.68 µm, the field 0.70 +/- 0.01 µm."
+
+
+@pytest.mark.parametrize(("typed", "told"), [({}, ""), (TYPED, DIFFER)], ids=["empty fields", "typed"])
+def test_what_an_rtdc_file_states_fills_empty_fields_and_overwrites_nothing(typed, told, tmp_path, monkeypatch):
+    desk, made = Desk(Bench(tmp_path)), []
+
+    async def shown(task, **how):
+        return {"rows": 80, "columns": 250, "src": "", "count": 4, "stated": STATED}
+
+    def page():
+        made.append(ChannelStep(desk, lambda: None))
+        made.append(many.ManyStep(desk, lambda: None, lambda folder: None, made[0].fields))
+
+    async def given():
+        async with user_simulation(page) as user:
+            await user.open("/")
+            channel, files = made
+            for name, text in typed.items():
+                field = files._pixel if name == "pixel_size" else channel.fields[name]
+                field._value.value = text
+            upload = next(iter(user.find(marker="many").elements))
+            await upload.handle_uploads([ui.upload.SmallFileUpload("cells.rtdc", "", b"events")])
+            while not files._files:
+                await asyncio.sleep(0.05)
+            seen = {name: channel.fields[name].text for name in ("half_width", "flow_rate", "velocity")}
+            return seen | {"pixel_size": files._pixel.text}, files._files[0].differs.text
+
+    monkeypatch.setattr(desk.bench.measuring, "run", shown)
+    found, words = asyncio.run(asyncio.wait_for(given(), 60))
+    empty = {"velocity": ""} | STATED
+    kept = {"flow_rate": ""} | {name: text.replace(",", ".") for name, text in typed.items()}
+    assert found == (kept if typed else empty)
+    assert words == told
+    assert desk.experiment["half_width"] == found["half_width"]
+
+
+def test_an_rtdc_file_tells_its_channel_pixel_and_flow_rate():
+    assert measuring.shown("examples/pictures", "cells.rtdc")["stated"] == STATED
 
 
 def test_what_a_command_refuses_is_told_without_its_options(tmp_path, monkeypatch):

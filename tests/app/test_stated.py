@@ -1,6 +1,7 @@
 """Names of uploaded files, and the commands that repeat the work of a page."""
 
 import shlex
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,20 @@ def test_the_commands_state_what_is_stated_and_nothing_else():
         "--out": ".",
     }
     assert report == ["capsbayes", "report", ".", "--out", "report.html"]
+
+
+def test_priors_are_stated_in_the_words_of_the_person_and_go_on_to_the_next_picture():
+    known = {"surface_shear_modulus": "log-uniform 1 .. 1000 mN/m", "capsule_radius": "24 +/- 1 um"}
+    stated = Stated("capsule.png", **known)
+    _, identify, _ = map(shlex.split, stated.commands(Path("/bench/capsule")))
+    assert [after for word, after in pairwise(identify) if word == "--prior"] == [f"{k}={v}" for k, v in known.items()]
+    script = stated.script(Path("/bench/capsule"))
+    compile(script, "script", "exec")
+    assert (
+        ", prior=cb.Prior(surface_shear_modulus='log-uniform 1 .. 1000 mN/m', capsule_radius='24 +/- 1 um')" in script
+    )
+    assert stated.of("next.png").priors() == known
+    assert Stated().priors() == {}
 
 
 EACH = {"--velocity": "6 +/- 1 mm/s", "--flow-rate": "1 uL/s"}

@@ -145,6 +145,80 @@ def test_what_was_stated_of_a_capsule_is_there_again_after_a_reload(browser, tmp
         assert page.get_by_label("Velocity of the capsule", exact=True).input_value() == "4.86"
         assert page.get_by_label("Rows of the two walls").input_value() == "19.5, 139.5"
         ready(page.get_by_role("button", name="Identify", exact=True).first)
+        page.get_by_role("button", name="Try the example").click()
+        error = page.get_by_label("Half width of the channel, error", exact=True)
+        sync.expect(error).to_have_value("0.2", timeout=WAIT)
+        page.get_by_role("button", name="Open example again").click()
+        page.locator(".bench-overlay .wall.stated").first.wait_for(state="attached")
+        sync.expect(error).to_have_value("0.3", timeout=WAIT)
+        assert page.get_by_label("Velocity of the capsule", exact=True).input_value() == "4.86"
+        assert said == []
+        page.close()
+
+
+def test_a_result_waits_for_a_page_that_was_closed_while_it_was_computed(browser, tmp_path):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = opened(browser, address)
+        page.get_by_role("button", name="Try the example").click()
+        page.get_by_text("The capsule was measured").wait_for()
+        page.get_by_label("Law of the membrane").click()
+        page.get_by_role("option", name="unknown").click()
+        ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+        page.get_by_label("computing").first.wait_for()
+        place = page.url
+        page.close()
+        page, said = opened(browser, place)
+        page.get_by_role("button", name="Go on with example").click()
+        page.get_by_label("computing").first.wait_for()
+        assert page.locator(".bench-headline").count() == 0
+        page.locator(".bench-headline").first.wait_for()
+        page.locator(".bench-corner img").wait_for()
+        found = page.locator(".bench-headline").first.inner_text()
+        page.reload()
+        page.get_by_text("List of them").click()
+        page.get_by_text("example, identified, not saved yet").wait_for()
+        page.get_by_role("button", name="Open example again").click()
+        sync.expect(page.locator(".bench-headline").first).to_have_text(found, timeout=WAIT)
+        page.get_by_text("unknown", exact=True).first.wait_for()
+        page.get_by_label("Half width of the channel, error", exact=True).fill("0.3")
+        page.locator(".bench-headline").first.wait_for(state="detached")
+        page.get_by_label("Half width of the channel, error", exact=True).fill("0.2")
+        ready(page.get_by_role("button", name="Save the report")).click()
+        page.get_by_role("link", name="Open the report").wait_for()
+        assert said == []
+        page.close()
+
+
+def test_a_prior_is_checked_when_it_is_left_and_stands_in_the_code_and_after_a_reload(browser, tmp_path):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = opened(browser, address)
+        page.get_by_role("button", name="Try the example").click()
+        page.get_by_text("The capsule was measured").wait_for()
+        page.get_by_text("More: what is known beforehand").click()
+        prior, identify = (
+            page.get_by_label("Prior of the shear modulus", exact=True),
+            page.get_by_role("button", name="Identify", exact=True),
+        )
+        ready(identify)
+        for wrong, words in {"60 .. 20 mN/m": "Expected low < high", "20 .. 60": "no unit"}.items():
+            prior.fill(wrong)
+            prior.blur()
+            page.get_by_text(words).wait_for()
+            sync.expect(identify).to_be_disabled()
+        prior.fill("20 .. 49,5 mN/m")
+        prior.blur()
+        page.get_by_text("no unit").wait_for(state="detached")
+        ready(identify).click()
+        page.get_by_text("The code that does the same").click()
+        lines = page.locator(".bench-details .bench-commands")
+        assert "--prior 'surface_shear_modulus=20 .. 49.5 mN/m'" in lines.first.inner_text()
+        assert "prior=cb.Prior(surface_shear_modulus='20 .. 49.5 mN/m')" in lines.last.inner_text()
+        upper = float(page.locator(".bench-headline").first.inner_text().split()[-2].strip("[],"))
+        assert upper <= 49.5
+        page.reload()
+        page.get_by_role("button", name="Go on with example").click()
+        sync.expect(prior).to_have_value("20 .. 49.5 mN/m", timeout=WAIT)
+        page.locator(".bench-headline").first.wait_for()
         assert said == []
         page.close()
 
@@ -312,6 +386,9 @@ def test_a_wall_is_dragged_a_part_is_drawn_and_the_flow_is_turned_by_the_mouse(b
     upper, lower = map(float, page.get_by_label("Rows of the two walls").input_value().split(","))
     assert lower == pytest.approx(before + 3.0, abs=0.6)
     assert lower - upper == pytest.approx(113.0, abs=1.0)
+    page.get_by_text(re.compile(r"^Walls 11[234]\.\d px apart\.$")).wait_for()
+    page.get_by_label("Half width of the channel", exact=True).fill("25")
+    page.get_by_text(re.compile(r"^Walls 11[234]\.\d px apart = 50 µm: a pixel is 0\.44\d µm\.$")).wait_for()
     assert said == []
     page.close()
 

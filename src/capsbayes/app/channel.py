@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,7 +14,7 @@ from capsbayes import experiment as liquids
 from capsbayes.app.desk import Desk
 from capsbayes.app.fields import QuantityField, button, choice, notice, step, upload
 from capsbayes.app.stated import page_words
-from capsbayes.errors import CapsbayesError
+from capsbayes.errors import CapsbayesError, InputError
 from capsbayes.quantity import Quantity
 
 _EXPERIMENT, _CAMERA, _CAPSULE = "experiment", "camera", "capsule"
@@ -82,13 +83,13 @@ class ChannelStep:
             ui.label("Each with its standard error: what is not known exactly makes the answer wider.")
             sections = {"square": "square", "circular": "circular"}
             self._section = choice("Cross-section", sections, "square", on_change=self._read)
-            self._fields = {name: self._field(name, about) for name, about in _FIRST.items()}
-            viscosity_helper(self._fields["viscosity"])
+            self.fields = {name: self._field(name, about) for name, about in _FIRST.items()}
+            viscosity_helper(self.fields["viscosity"])
             with ui.expansion("Camera and further numbers"):
                 for name, about in _FURTHER.items():
                     if name == "pixel_aspect":
                         ui.label("Geometry of the camera, if a calibration tells it:")
-                    self._fields[name] = self._field(name, about)
+                    self.fields[name] = self._field(name, about)
             ui.label("A file of an earlier experiment (experiment.toml) fills the form:")
             self._upload = upload("experiment.toml", [".toml"], self._file_given, "experiment")
             self._message = notice("bench-message")
@@ -100,37 +101,37 @@ class ChannelStep:
     @property
     def complete(self) -> bool:
         """True if the experiment can be written and a velocity or a flow rate is given, or mu U in their place."""
-        return not self._message.text and self._moves
+        return bool(self.desk.experiment) and not self._message.text
 
     @property
-    def _moves(self) -> bool:
-        return any(self._fields[name].text for name in ("velocity", "flow_rate", "viscous_tension"))
+    def width(self) -> float:
+        """Width of the channel in micrometres, 0 where it is not known."""
+        with contextlib.suppress(InputError):
+            return 2e6 * Quantity.of_text(self.fields["half_width"].text, "half_width", where="", key="").mean
+        return 0.0
 
     def fill(self, texts: Mapping[str, str]) -> None:
         """Fill some of the fields in, and clear the others."""
         self._section.value = texts.get("cross_section", "square")
-        for name, field in self._fields.items():
-            field.text = texts.get(name, "")
+        for name, field in self.fields.items():
+            field.text = str(texts.get(name, ""))
 
     def forget_velocity(self) -> None:
         """Clear the velocity, which was that of an earlier capsule."""
-        self._fields["velocity"].text = ""
+        self.fields["velocity"].text = ""
 
-    def _of(self, what: str) -> dict[str, QuantityField]:
-        return {name: self._fields[name] for name, about in _FIELDS.items() if about.of == what}
+    def _of(self, what: str) -> dict[str, str]:
+        return {name: self.fields[name].text for name, about in _FIELDS.items() if about.of == what}
 
     def _read(self) -> None:
         """Take over what the form states, and say what is missing."""
-        experiment, camera, capsule = (
-            {name: field.text for name, field in self._of(what).items()} for what in (_EXPERIMENT, _CAMERA, _CAPSULE)
-        )
+        experiment, camera, capsule = map(self._of, (_EXPERIMENT, _CAMERA, _CAPSULE))
         self.desk.experiment = {"cross_section": self._section.value, **experiment, "camera": camera}
         for name, text in capsule.items():
             setattr(self.desk.stated, name, "" if experiment["viscous_tension"] else text)  # which stands for them
-        self._message.text = self.desk.keep_experiment()
-        self.desk.keep()
-        if not self._message.text and not self._moves:
-            self._message.text = "The velocity of the capsule is missing, or the flow rate."
+        moves = any(capsule.values()) or experiment["viscous_tension"]
+        no_speed = "" if moves else "The velocity of the capsule is missing, or the flow rate."
+        self._message.text = self.desk.keep() or no_speed
         self._changed()
 
     async def _file_given(self, event: events.UploadEventArguments) -> None:
@@ -140,14 +141,11 @@ class ChannelStep:
                 raise ValueError("a file of this size is none")
             stated = tomllib.loads(await event.file.text())
             camera = stated.pop("camera", {})
-            self._section.value = stated.pop("cross_section", stated.pop("section", "square"))
-            given = ((stated, self._of(_EXPERIMENT)), (camera, self._of(_CAMERA)))
-            unknown = [key for texts, fields in given for key in texts if key not in fields]
+            section = {"cross_section": stated.pop("cross_section", stated.pop("section", "square"))}
+            unknown = sorted((stated.keys() - self._of(_EXPERIMENT)) | (camera.keys() - self._of(_CAMERA)))
             if unknown:
                 raise ValueError(f"the form has no field for {', '.join(unknown)}")
-            for texts, fields in given:
-                for key, field in fields.items():
-                    field.text = str(texts.get(key, ""))
+            self.fill({**self._of(_CAPSULE), **section, **stated, **camera})
         except (ValueError, AttributeError, RecursionError) as error:
             self._message.text = f"Expected the file of an experiment: {error}"
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 import secrets
 from dataclasses import asdict, dataclass, field
@@ -12,7 +14,7 @@ from fastapi import APIRouter, HTTPException
 from fastapi.responses import FileResponse
 
 from capsbayes.app.stated import EXPERIMENT, STATED, Stated, page_words
-from capsbayes.app.worker import Worker
+from capsbayes.app.worker import Worker, WorkFailedError
 from capsbayes.errors import CapsbayesError
 from capsbayes.experiment import Camera, Experiment
 from capsbayes.files.input_file import parsing
@@ -23,12 +25,44 @@ MOST_BYTES = MOST_MB << 20
 """Size of the largest file that is taken."""
 
 
+LONGEST = 1200.0
+"""Seconds of one identification."""
+
+
+class Computed:
+    """The result of one capsule and its corner plot, which are computed also where the page is closed meanwhile."""
+
+    def __init__(self, worker: Worker, folder: Path, stated: Stated) -> None:
+        self.folder, self.asked, self._worker = folder, stated.asked(folder), worker
+        self.answer, self.corner = asyncio.create_task(self._identified()), asyncio.create_task(self._drawn())
+
+    async def run(self, task: str) -> Any:
+        """Compute a task that may take longer, for which no picture of another tab has to wait."""
+        return await self._worker.run(task, folder=str(self.folder), seconds=LONGEST, stated=self.asked[0])
+
+    async def _identified(self) -> dict[str, Any]:
+        found: dict[str, Any] = await self.run("identified")
+        if found["asked"] != self.asked:
+            raise WorkFailedError("Something else was stated before the computation began: identify again.")
+        return found
+
+    async def _drawn(self) -> str:
+        with contextlib.suppress(WorkFailedError):
+            await self.answer
+            return str(await self.run("corner"))
+        return ""
+
+
 class Bench:
-    """The folder of all capsules, the processes that compute, and the files that pages may show."""
+    """The folder of all capsules, the processes that compute, and the files that pages may show.
+
+    `computed` holds the last result of each folder, which waits there for a page that shows it.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         self.measuring, self.identifying = Worker("capsbayes.app.measuring"), Worker("capsbayes.app.identifying")
+        self.computed: dict[Path | None, Computed] = {}
         self._offered: dict[str, Path] = {}
 
     def stop(self) -> None:
@@ -56,10 +90,6 @@ class Bench:
         return router
 
 
-LONGEST = 1200.0
-"""Seconds of one identification."""
-
-
 @dataclass
 class Desk:
     """What one tab of the browser works on: the folder of its capsule, once there is one, and what is stated.
@@ -76,15 +106,12 @@ class Desk:
         """Compute a task that takes less than a second, see `Worker.run`."""
         return await self.bench.measuring.run(task, folder=str(self.folder), **how)
 
-    async def identified(self, task: str, **how: Any) -> Any:
-        """Compute a task that may take longer, for which no picture of another tab has to wait."""
-        return await self.bench.identifying.run(task, folder=str(self.folder), seconds=LONGEST, **how)
-
-    def keep(self) -> None:
-        """Write what is stated of a picture next to it, so that another tab can take it up."""
-        if self.folder is not None and self.stated.picture:
-            with guarded():
-                write_file(self.folder / STATED, json.dumps([asdict(self.stated), self.experiment]))
+    def identify(self) -> None:
+        """Begin to identify the capsule, which goes on when the page is closed."""
+        assert self.folder is not None, "of a capsule"
+        self.keep()
+        self.bench.computed.pop(self.folder, None)  # the last one comes last
+        self.bench.computed[self.folder] = Computed(self.bench.identifying, self.folder, self.stated)
 
     def take_up(self, folder: Path) -> None:
         """Go on with a capsule whose statements were kept."""
@@ -92,8 +119,11 @@ class Desk:
             stated, experiment = json.loads((folder / STATED).read_text(encoding="utf-8"))
             self.folder, self.stated, self.experiment = folder, Stated(**stated), dict(experiment)
 
-    def keep_experiment(self, folder: Path | None = None) -> str:
-        """Write the experiment into a folder, by default the capsule's; return what is missing or wrong, or nothing."""
+    def keep(self, folder: Path | None = None) -> str:
+        """Write what is stated into the capsule's folder, or the experiment into another; return what is missing."""
+        if folder is None and self.folder is not None and self.stated.picture:
+            with guarded():
+                write_file(self.folder / STATED, json.dumps([asdict(self.stated), self.experiment]))
         if not self.stated.measured:  # else the experiment is that of the measurement
             folder = folder or self.folder
         stated = {key: text for key, text in self.experiment.items() if text}

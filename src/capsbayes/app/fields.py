@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import html
 import re
-from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -21,9 +20,9 @@ from capsbayes.quantity import Quantity
 
 _PAIR = re.compile(r"^\s*(?P<value>[^\s+]+)(?:\s*\+/-\s*(?P<error>\S+))?(?:\s+(?P<unit>\S.*))?$")
 _WITH_UNIT = re.compile(r"[^\W\d_eE]|°")  # a letter that is no exponent's
-_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d.,])")
+_COMMA = re.compile(r"(?<![\d.,])(0|\d+(?!,\d{3}(?!\d))),(\d+)(?![\d.,])")
 _EXPONENT = re.compile(r"\de[+-]?\d", re.IGNORECASE)
-_OF_THOUSANDS = 3  # digits behind a comma that may separate thousands
+_ROUNDED = 1e-5  # of a number of a file
 FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the left"}
 
 
@@ -86,6 +85,16 @@ def explained(what: str, words: str) -> None:
         ui.label(words)
 
 
+def refusal(text: str, read: Callable[[str], object]) -> str | None:
+    """Return what is wrong with a text by the function that reads it; None if it is right or empty."""
+    try:
+        if text:
+            read(text)
+    except InputError as error:
+        return page_words(f"Expected {error.expected}, got {error.got}")
+    return None
+
+
 class QuantityField:
     """A number, its standard error and its unit, which together are a text like "25.0 +/- 0.2 um".
 
@@ -102,7 +111,7 @@ class QuantityField:
         name: str = "",
         words: str = "",
     ) -> None:
-        self._name = name
+        self._name, self._label, self._units = name, label, units
         with ui.row(wrap=False).classes("bench-quantity"):
             self._value = ui.input(label, on_change=changed).classes("value")
             self._value.props("dense outlined hide-bottom-space no-error-icon")
@@ -116,25 +125,17 @@ class QuantityField:
                 self._unit.props(f'dense outlined aria-label="{label}, unit"')
             if words:
                 explained(label, words)
-        self._wrong = ui.label().classes("bench-message").props('role="alert"')
         for part in (self._value, self._error, self._unit):
             if part is not None and name:
                 part.on("blur", self._check)
 
     def _check(self) -> None:
-        """Say below the field what is wrong with it."""
-        self._wrong.text = ""
-        try:
-            if self.text:
-                Quantity.of_text(self.text, self._name, where="", key="")
-        except InputError as error:
-            self._wrong.text = page_words(f"Expected {error.expected}, got {error.got}")
-        self._value.props(add="error" if self._wrong.text else "", remove="" if self._wrong.text else "error")
+        self._value.error = refusal(self.text, lambda text: Quantity.of_text(text, self._name, where="", key=""))
 
     @property
     def text(self) -> str:
         """The quantity as a text, empty where no number is given; a number that has a unit keeps it."""
-        value, error = (_with_point(part.value or "").strip() for part in (self._value, self._error))
+        value, error = with_point(self._value.value), with_point(self._error.value)
         if not value:
             return value
         stated = f"{value} +/- {error}" if error else value
@@ -142,7 +143,7 @@ class QuantityField:
 
     @text.setter
     def text(self, text: str) -> None:
-        self._wrong.text = ""
+        self._value.error = None
         pair = _PAIR.match(self._without_exponent(text))
         unit = "" if pair is None else pair["unit"] or ""
         if pair is None or unit not in ([""] if self._unit is None else self._unit.options):
@@ -151,6 +152,16 @@ class QuantityField:
         if self._unit is not None:
             self._unit.value = unit
         self._value.value, self._error.value = pair["value"], pair["error"] or ""
+
+    def differs(self, text: str) -> str:
+        """Return in words how the number that a file states differs from that of the field; nothing if it does not."""
+        with contextlib.suppress(InputError):  # the field is empty, or says itself what is wrong
+            typed, stated = (
+                Quantity.read(one, where="", key="", units=self._units[:1], example="") for one in (self.text, text)
+            )
+            if abs(typed.value - stated.value) > typed.error + _ROUNDED * stated.value:
+                return f"{self._label}: the file states {text}, the field {self.text}.".replace(" u", " µ")
+        return ""
 
     def _without_exponent(self, text: str) -> str:
         """Return a quantity like 2.5e-05 +/- 2e-07 m in the unit that people write it in."""
@@ -163,24 +174,19 @@ class QuantityField:
         return text
 
 
-def _with_point(text: str) -> str:
+def with_point(text: str | None) -> str:
     """Return a text with a decimal point for a decimal comma; one before three digits may be of thousands, and stays.
 
     Examples
     --------
-    >>> _with_point("0,85"), _with_point("1,234"), _with_point("0,125")
+    >>> with_point("0,85 "), with_point("1,234"), with_point("0,125")
     ('0.85', '1,234', '0.125')
     """
-    return _COMMA.sub(_pointed, text)
-
-
-def _pointed(number: re.Match[str]) -> str:
-    thousands = len(number[2]) == _OF_THOUSANDS and number[1] != "0"
-    return number[0] if thousands else f"{number[1]}.{number[2]}"
+    return _COMMA.sub(r"\1.\2", text or "").strip()
 
 
 class Progress:
-    """A bar, and how much is done in words; ``with`` shows it while something is computed."""
+    """A bar, and how much is done in words."""
 
     def __init__(self) -> None:
         with ui.column().classes("bench-progress") as self._all:
@@ -194,13 +200,15 @@ class Progress:
         self._bar.value = done / total if total else 0.0
         self._words.text = f"{done:g} of {total:g} {what}" if total else f"{done:g} {what}"
 
-    def __enter__(self) -> None:
+    @contextlib.contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show it while something is computed."""
         self._bar.props("indeterminate")
-        self._words.text = ""
-        self._all.visible = True
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._all.visible = False
+        self._words.text, self._all.visible = "", True
+        try:
+            yield
+        finally:
+            self._all.visible = False
 
 
 class Overlay(Element, component="overlay.js"):
@@ -225,8 +233,10 @@ class Overlay(Element, component="overlay.js"):
         """Draw lines, and remove those that are not given."""
         names = ("walls", "outline", "rear", "predicted", "crop", "erased")
         self.put(**{name: lines.get(name) for name in names}, **{"by-hand": by_hand})
+        self.update()  # also where nothing has changed but walls that were moved on the page
 
     def put(self, **properties: Any) -> None:
         """Change properties of the component: ``predicted``, the predicted outline, or ``drawing``, to draw a box."""
-        self._props.update(properties)
-        self.update()
+        if any(self._props.get(name) != value for name, value in properties.items()):  # it sends the picture too
+            self._props.update(properties)
+            self.update()

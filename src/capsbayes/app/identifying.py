@@ -36,27 +36,24 @@ from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 
 class _Answer(NamedTuple):
-    """What was stated of a capsule, picture and detection if it was measured in one, and what was found."""
+    """Picture and detection of a capsule, if it was measured in one, and what was found."""
 
-    stated: Stated
     seen: tuple[Picture, Detection] | None
     measurement: Measurement
     posterior: Posterior
 
 
-_KEPT: dict[str, _Answer] = {}  # the last of each folder
-_MOST_KEPT = 4
-
-
 def identified(folder: str, stated: Stated) -> dict[str, Any]:
     """Measure and identify; return the headlines, the tables as HTML, and the predicted outline on the picture."""
     with contextlib.chdir(folder):
-        answer = _answer(folder, stated)
+        asked = stated.asked(Path())
+        answer = _answer(folder, asked)
     posterior, marginals, predicted = answer.posterior, answer.posterior.marginals, None
     if answer.seen is not None and posterior.outlines is not None:
         predicted = on_picture(band(posterior.outlines)[0], answer.seen[1]).tolist()
     budget = texts.budget_table(posterior)
     return {
+        "asked": asked,
         "headlines": [typeset(value_words(name, marginals[name])) for name in SHOWN[:2]],
         "ok": posterior.status.ok,
         "status": texts.status_words(posterior),
@@ -74,14 +71,14 @@ def identified(folder: str, stated: Stated) -> dict[str, Any]:
 def corner(folder: str, stated: Stated) -> str:
     """Return the corner plot of an identified capsule as HTML."""
     with contextlib.chdir(folder):
-        posterior = _answer(folder, stated).posterior
+        posterior = _answer(folder, stated.asked(Path())).posterior
     return str(figure_html(corner_of_few(posterior), "corner plot of the posterior", png=True))
 
 
 def saved(folder: str, stated: Stated) -> list[str]:
     """Write what ``capsbayes identify --out .`` and ``capsbayes report .`` write; return the names of the files."""
     with contextlib.chdir(folder), guarded():
-        answer, here = _answer(folder, stated), Path()
+        answer, here = _answer(folder, stated.asked(Path())), Path()
         with together():
             if answer.seen is not None:
                 write_detection(here, *answer.seen, answer.measurement, answer.posterior.experiment)
@@ -92,13 +89,12 @@ def saved(folder: str, stated: Stated) -> list[str]:
         return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
 
 
-def _answer(folder: str, stated: Stated) -> _Answer:
-    """Measure and identify, unless nothing was stated otherwise since the last call."""
+@functools.lru_cache(maxsize=4)
+def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
+    """Measure and identify what `Stated.asked` returned of a folder."""
+    stated: Stated = asked[0]
     measurement = Measurement.read(stated.measured) if stated.measured else None
     experiment = Experiment.read((measurement and measurement.experiment_file) or EXPERIMENT)
-    kept = _KEPT.get(folder)
-    if kept is not None and kept.stated == stated and kept.posterior.experiment.sha256 == experiment.sha256:
-        return kept
     seen = None
     if measurement is None:
         seen = detected(stated, experiment)
@@ -107,15 +103,13 @@ def _answer(folder: str, stated: Stated) -> _Answer:
         raise InputError(stated.picture, "", "a capsule that can be measured", page_words(measurement.status))
     membrane = Membrane(stated.membrane) if stated.membrane else None
     model = _opened(experiment.cross_section, _view(measurement), known=membrane is None)
+    prior = Prior().with_texts(stated.priors())
     posterior = identify(
-        measurement, model, experiment, engine=stated.engine, seed=SEED, prior=Prior(), membrane=membrane
+        measurement, model, experiment, engine=stated.engine, seed=SEED, prior=prior, membrane=membrane
     )
     if not model.coordinates:
         posterior = with_other_laws(posterior)
-    while len(_KEPT) >= _MOST_KEPT:
-        _KEPT.pop(next(iter(_KEPT)))
-    _KEPT[folder] = _Answer(stated, seen, measurement, posterior)
-    return _KEPT[folder]
+    return _Answer(seen, measurement, posterior)
 
 
 def _view(measurement: Measurement) -> str:

@@ -6,7 +6,7 @@ import asyncio
 import hashlib
 import html
 import shutil
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,6 +31,7 @@ from capsbayes.app.stated import (
     safe_name,
 )
 from capsbayes.app.worker import WorkFailedError, printed_by
+from capsbayes.report.numbers import counted
 
 _MOST_SHOWN = 12  # overlays of one file
 _NO_VELOCITY = (
@@ -49,7 +50,9 @@ class _File:
     name: str
     velocity: QuantityField | None
     status: ui.label
+    differs: ui.label
     row: ui.element
+    stated: dict[str, str]  # in the file
     waiting: bool = True
 
     def say(self, text: str, kind: str = "bench-message") -> None:
@@ -66,10 +69,16 @@ class ManyStep:
     """Upload of many files, a list of them with a status each, and their measurement.
 
     The first function is called after each file that was measured, the second with the folder of a capsule that shall
-    be identified.
+    be identified; the fields are those of step 3.
     """
 
-    def __init__(self, desk: Desk, grown: Callable[[], object], chosen: Callable[[Path], Awaitable[None]]) -> None:
+    def __init__(
+        self,
+        desk: Desk,
+        grown: Callable[[], object],
+        chosen: Callable[[Path], Awaitable[None]],
+        channel: Mapping[str, QuantityField],
+    ) -> None:
         self.desk, self._grown, self._chosen = desk, grown, chosen
         self._files: list[_File] = []
         self._kept: dict[str, Path] = {}  # folders by the hash of the content of the file in them
@@ -82,10 +91,11 @@ class ManyStep:
             )
             fields.upload("Drop files or a folder here, or choose with +", KINDS, self._given, "many", multiple=True)
             self._pixel = QuantityField("Size of a pixel of an .rtdc file", ("um", "nm"))
+            self._fields = {**channel, "pixel_size": self._pixel}
             self._flow = fields.choice("Flow in all of them", fields.FLOWS, "")
             with ui.row():
                 self._start = button("Measure them all", self._pressed, "")
-                self._stop = button("Stop", self._stopped)
+                self._stop = button("Stop", lambda: self._running and self._running.cancel())
             self._message = fields.notice("bench-message")
             self._progress = Progress()
             self._list = ui.column().classes("bench-files").props('aria-live="polite"')
@@ -122,11 +132,22 @@ class ManyStep:
                     label = "Velocity shared by all events, ± its spread" if of_events else "Velocity of this capsule"
                     velocity = QuantityField(label, ("mm/s", "um/s", "m/s"))
                 status = ui.label("waits").classes("bench-told")
+                differs = fields.notice()
                 remove = button("Remove", lambda: self._removed(file), "flat dense ")
                 remove.props(f'aria-label="Remove {name}"')
-        file = _File(folder, name, velocity, status, row)
+        file = _File(folder, name, velocity, status, differs, row, seen["stated"])
         self._files.append(file)
+        self._compare(file, fill=True)
         self._start.enabled = self._running is None
+
+    def _compare(self, file: _File, *, fill: bool = False) -> None:
+        """Say in which numbers file and fields differ; `fill` puts those of the file into fields that are empty."""
+        moves = self.desk.stated.velocity or self.desk.experiment.get("viscous_tension")  # without a flow rate
+        for name, text in file.stated.items():
+            if fill and not (self._fields[name].text or (name == "flow_rate" and moves)):
+                self._fields[name].text = text
+        differ = (self._fields[name].differs(text) for name, text in file.stated.items())
+        file.differs.text = " ".join(filter(None, differ))
 
     def _removed(self, file: _File) -> None:
         """Take a file off the list, and off the disk with what was measured in it."""
@@ -144,10 +165,6 @@ class ManyStep:
     def _pressed(self) -> None:
         self._running = asyncio.create_task(self._measured())
 
-    def _stopped(self) -> None:
-        if self._running is not None:
-            self._running.cancel()
-
     async def _measured(self) -> None:
         """Measure the files that wait, one after the other."""
         stated = {"flow_rate": self.desk.stated.flow_rate, "pixel_size": self._pixel.text}
@@ -156,9 +173,10 @@ class ManyStep:
         done: list[str] = []
         self._start.enabled, self._stop.enabled = False, True
         try:
-            with self._progress:
+            with self._progress.shown():
                 for file in [file for file in self._files if file.waiting]:
-                    missing = self.desk.keep_experiment(file.folder)
+                    self._compare(file)
+                    missing = self.desk.keep(file.folder)
                     self._message.text = missing and f"{missing} See step 3."
                     if missing:
                         return
@@ -243,7 +261,7 @@ class PopulationStep:
         bench, working = self.desk.bench.folder, self._running is not None
         found = {path.parent for path in bench.glob(f"*/**/{MEASUREMENT}")}
         count = len(found)
-        self._count.text = f"{count} capsule{'' if count == 1 else 's'} in {bench}."
+        self._count.text = f"{counted(count, 'capsule')} in {bench}."
         self._together.enabled = count > 1 and not working
         self._flow.enabled = self._last is not None and not working
         self._diagnose.enabled = count >= _ENOUGH and not working
@@ -256,7 +274,10 @@ class PopulationStep:
     def _listed(self, folder: Path, name: str, *, counts: bool) -> None:
         """Show a capsule, with what can be done with it."""
         with ui.element("div").classes("bench-file"), ui.element("div"):
-            ui.label(name if counts else f"{name}, not saved yet")
+            computed, words = self.desk.bench.computed.get(folder), ""
+            if computed is not None and not (computed.answer.done() and computed.answer.exception()):
+                words = ", identified" if computed.answer.done() else ", being identified"
+            ui.label(f"{name}{words}{'' if counts else ', not saved yet'}")
             if (folder / _REPORT).is_file():
                 ui.link("report", self.desk.bench.offer(folder / _REPORT), new_tab=True)
             again = button("Open", partial(self._chosen, folder), "flat dense ")
@@ -299,7 +320,7 @@ class PopulationStep:
         self.grown()
         status, printed = 0, ""
         try:
-            with self._waiting:
+            with self._waiting.shown():
                 for words in commands:
                     status, printed = await printed_by(words[1:], folder, self._waiting.show)
                     if status not in (0, 1):

@@ -27,29 +27,34 @@ _WIDEST = 1600  # px of the picture on the page
 def shown(folder: str, name: str, rotate: str = "") -> dict[str, Any]:
     """Return a picture, turned clockwise by some degrees, or the middle one of a film or of events, for the page.
 
-    Its size, a PNG of its grey levels as the address of an image, and how many pictures there are.
+    Its size, a PNG of its grey levels as the address of an image, how many there are, and what the file states.
     """
     with contextlib.chdir(folder):
-        seen, count = _opened(Path(name))
+        seen, count, stated = _opened(Path(name))
     if rotate:
         seen, _, _ = turned(seen, None, ByHand(rotate=rotate))
     png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
-    return {"rows": seen.shape[0], "columns": seen.shape[1], "src": f"data:image/png;base64,{png}", "count": count}
+    size = {"rows": seen.shape[0], "columns": seen.shape[1]}
+    return {**size, "src": f"data:image/png;base64,{png}", "count": count, "stated": stated}
 
 
-def _opened(path: Path) -> tuple[Picture, int]:
-    """Return the picture of a file, or the middle one of several, and how many there are."""
+def _opened(path: Path) -> tuple[Picture, int, dict[str, str]]:
+    """Return the picture of a file, or the middle one of several, how many there are, and what is stated with them."""
     if path.suffix.lower() in EVENTS:
         events = RtdcFile.open(path)
         pixels, _ = next(events.pictures([events.events // 2]))
-        return Picture.from_array(pixels), events.events
+        lengths = {"half_width": 0.5 * events.channel_width, "pixel_size": events.pixel_size}
+        stated = {name: f"{1e6 * length:.6g} um" for name, length in lengths.items()}
+        if events.flow_rate is not None:
+            stated["flow_rate"] = f"{6e10 * events.flow_rate:.6g} uL/min"  # as the form shows it
+        return Picture.from_array(pixels), events.events, stated
     if not is_film(path):
-        return Picture.read(path), 1
+        return Picture.read(path), 1, {}
     film = Film.open(path)
     seen = next(film.spread(1), None)
     if seen is None:
         raise InputError(str(path), "", "a film", "no frame that can be read")
-    return seen, film.count
+    return seen, film.count, {}
 
 
 def measured(folder: str, stated: Stated) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 // A picture with the lines that were found in it. Walls are dragged with the mouse, a finger or the arrow keys.
 export default {
   template: `
-    <svg ref="svg" class="bench-overlay" :viewBox="[-0.5, -0.5, columns, rows].join(' ')" role="group"
+    <div><svg ref="svg" class="bench-overlay" :class="{ dragging: held !== null }" :viewBox="[-0.5, -0.5, columns, rows].join(' ')" role="group"
          aria-label="Picture of the capsule with what was found in it" @pointerdown="begin" @pointermove="move"
          @pointerup="end" @pointercancel="end">
       <image :href="src" x="-0.5" y="-0.5" :width="columns" :height="rows" preserveAspectRatio="none"/>
@@ -20,7 +20,8 @@ export default {
                 :aria-valuenow="middle(k).toFixed(1)" @keydown="key($event, k)"/>
         </g>
       </template>
-    </svg>`,
+    </svg>
+    <p v-if="placed" class="bench-told">{{ apart }}</p></div>`,
   props: {
     src: String,
     columns: Number,
@@ -33,6 +34,7 @@ export default {
     erased: Array,
     byHand: Boolean,
     drawing: Boolean,
+    width: Number, // of the channel in micrometres, 0 where it is not known
   },
   data() {
     return { placed: this.walls, box: null, held: null, start: null, timer: null };
@@ -43,6 +45,12 @@ export default {
     erased() { this.box = null; },
   },
   computed: {
+    apart() { // across the walls, as the half width is
+      const [a, b, c, d] = this.placed, slope = (b - a + d - c) / (2 * (this.columns - 1));
+      const px = (c + d - a - b) / (2 * Math.hypot(1, slope));
+      const scale = this.width && px > 0 ? ` = ${+this.width.toPrecision(4)} µm: a pixel is ${(this.width / px).toPrecision(3)} µm` : "";
+      return `Walls ${px.toFixed(1)} px apart${scale}.`;
+    },
     boxes() {
       const stated = [...(this.crop ? [["crop", this.crop]] : []), ...(this.erased || []).map((box) => ["erased", box])];
       return this.box ? [...stated, ["drawn", this.box]] : stated;

@@ -26,6 +26,7 @@ def bench_page(bench: Bench) -> None:
 
     def changed(good: bool | None = None) -> None:
         nonlocal measured, folder
+        picture.overlay.put(width=channel.width)
         measured = measured if good is None else good
         before, folder = folder, desk.folder
         if before not in (None, folder):
@@ -46,8 +47,8 @@ def bench_page(bench: Bench) -> None:
                 picture = PictureStep(desk, changed, lambda texts: channel.fill(texts))
             with ui.element("div"):
                 channel = ChannelStep(desk, changed)
-                answer = AnswerStep(desk, picture.overlay, lambda summary: population.grown(summary))
+                answer = AnswerStep(desk, picture.overlay, lambda *summary: population.grown(*summary))
         answer.closer()
-        ManyStep(desk, lambda: population.grown(), picture.show_measured)
+        ManyStep(desk, lambda: population.grown(), picture.show_measured, channel.fields)
         population = PopulationStep(desk, picture.open_again)
         ui.label(f"capsbayes {__version__}. Nothing leaves this computer.").classes("bench-foot")

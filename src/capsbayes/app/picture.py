@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from capsbayes.app.fields import FLOWS, Overlay, button, choice, notice, step, u
 from capsbayes.app.stated import (
     EXAMPLE,
     EXAMPLE_PICTURE,
-    EXPERIMENT,
     MEASUREMENT,
     OVERLAY,
     STATED,
@@ -52,6 +52,10 @@ class PictureStep:
             )
             self._upload = upload("Drop a picture here, or choose it with +", PICTURES, self._given, "picture")
             button("Try the example", self._example)
+            if (last := next(reversed(desk.bench.computed), None)) is not None and last.is_dir():
+                name = last.relative_to(desk.bench.folder).as_posix()
+                go_on = button(f"Go on with {name}", partial(self.open_again, last))
+                go_on.on_click(go_on.delete)
             self._message = notice()
         with step("2. What is found in it"):
             nothing = ui.label("Nothing yet: give a picture first.").classes("bench-told")
@@ -98,17 +102,14 @@ class PictureStep:
         self._hand[name] = field.props("dense outlined debounce=600")
 
     async def _given(self, event: events.UploadEventArguments) -> None:
-        await self._taken(event)
-        self._upload.reset()  # earlier, it would break off the request that brings the file
-
-    async def _taken(self, event: events.UploadEventArguments) -> None:
         name = safe_name(event.file.name, PICTURES)
         if name is None:
             self._tell(f"Expected a picture ({', '.join(PICTURES)}).", bad=True)
-            return
-        folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
-        await event.file.save(folder / name)
-        await self._begin(folder, name)
+        else:
+            folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
+            await event.file.save(folder / name)
+            await self._begin(folder, name)
+        self._upload.reset()  # earlier, it would break off the request that brings the file
 
     async def _example(self) -> None:
         folder = new_folder(self.desk.bench.folder, EXAMPLE_PICTURE.stem)
@@ -120,17 +121,14 @@ class PictureStep:
         """Show a picture that is kept in a folder of its own, and measure it."""
         self.desk.folder, self.desk.stated = folder, self.desk.stated.of(picture=name)
         try:
-            picture = await self.desk.measured("shown", name=name)
-            self.desk.bench.identifying.start()
+            picture = await self._seen()
         except WorkFailedError as error:
             self.desk.folder, self._found.visible = None, False
             self._tell(str(error), bad=True)
-            (folder / name).unlink(missing_ok=True)
-            folder.rmdir()
+            shutil.rmtree(folder)
             self._changed(False)
             return
-        self._show(picture, f"{name}: {picture['columns']} x {picture['rows']} pixels.")
-        await self.measure()
+        await self._show(picture, f"{name}: {picture['columns']} x {picture['rows']} pixels.")
 
     async def open_again(self, folder: Path) -> None:
         """Show a capsule of an earlier time as it was stated, or as it was measured in a film or in an event."""
@@ -139,34 +137,39 @@ class PictureStep:
             return
         try:
             self.desk.take_up(folder)
-            self._changed(False)
             known, stated = self.desk.experiment, self.desk.stated
             speeds = {"velocity": stated.velocity, "flow_rate": stated.flow_rate}
+            self._changed(False)  # and the form states what it held before
             self._fill({**known, **known.get("camera", {}), **speeds})
-            picture = await self.desk.measured("shown", name=stated.picture, rotate=stated.rotate)
-            self.desk.bench.identifying.start()
+            picture = await self._seen()
         except CapsbayesError as error:
             self._tell(page_words(error), bad=True)
             return
-        self._show(picture, f"{stated.picture} was opened again.")
-        await self.measure()
+        await self._show(picture, f"{stated.picture} was opened again.")
 
     async def show_measured(self, folder: Path) -> None:
         """Show a capsule that was measured in a film or in an event, by the overlay that is kept in its folder."""
-        self.desk.folder, self.desk.stated = folder, self.desk.stated.of(measured=MEASUREMENT)
-        self._show(
-            await self.desk.measured("shown", name=OVERLAY), f"{folder.name} of {folder.parent.name} was chosen."
-        )
-        self._status.text, self._numbers.content = "The capsule was measured, as its overlay shows.", ""
-        self._changed(True)
+        stated = self.desk.stated.of(measured=MEASUREMENT)
+        if (computed := self.desk.bench.computed.get(folder)) is not None:
+            stated = replace(computed.asked[0], velocity=stated.velocity, flow_rate=stated.flow_rate)
+        self.desk.folder, self.desk.stated = folder, stated
+        await self._show(await self._seen(), f"{folder.name} of {folder.parent.name} was chosen.")
 
-    def _show(self, picture: dict[str, Any], words: str) -> None:
-        """Show another picture, and in the fields what is stated of it, without measuring for each."""
+    async def _seen(self) -> dict[str, Any]:
+        """Return the picture, turned as it is stated, or the overlay of what was measured."""
+        stated = self.desk.stated
+        seen: dict[str, Any] = await self.desk.measured("shown", name=stated.picture or OVERLAY, rotate=stated.rotate)
+        return seen
+
+    async def _show(self, picture: dict[str, Any], words: str) -> None:
+        """Show another picture, and in the fields what is stated of it, without measuring for each; measure it."""
+        self.desk.bench.identifying.start()
         self._tell(words)
         self._found.visible = True
         self._put_right.visible = not self.desk.stated.measured
         self._show_stated()
         self.overlay.show(picture)
+        await self.measure()
 
     def _show_stated(self) -> None:
         self._silent = True
@@ -188,10 +191,12 @@ class PictureStep:
 
     async def measure(self) -> None:
         """Measure the picture as it is stated now, and draw what is found."""
-        if self.desk.folder is None or self.desk.stated.measured:
+        if self.desk.folder is None:
             return
-        if not (self.desk.folder / EXPERIMENT).exists() and self.desk.experiment:
-            self.desk.keep_experiment()
+        if self.desk.stated.measured:
+            self._status.text, self._numbers.content = "The capsule was measured, as its overlay shows.", ""
+            self._changed(True)
+            return
         self.desk.keep()
         try:
             seen = await self.desk.measured("measured", stated=self.desk.stated)
@@ -216,13 +221,8 @@ class PictureStep:
         if name == "walls" and not text:
             self.desk.stated.wall_error = ""
         if name == "rotate":
-            await self._show_picture()
+            self.overlay.show(await self._seen())
         await self.measure()
-
-    async def _show_picture(self) -> None:
-        """Show the picture turned as it is stated."""
-        stated = self.desk.stated
-        self.overlay.show(await self.desk.measured("shown", name=stated.picture, rotate=stated.rotate))
 
     async def _walls_moved(self, rows: list[float]) -> None:
         upper, lower = [f"{row:.1f}" for row in rows[:2]], [f"{row:.1f}" for row in rows[2:]]
@@ -251,8 +251,8 @@ class PictureStep:
 
     async def _forget(self) -> None:
         stated = self.desk.stated
-        self.desk.stated = stated.of(stated.picture, background=stated.background, membrane=stated.membrane)
+        self.desk.stated = stated.of(stated.picture, background=stated.background)
         self._show_stated()
         if stated.rotate:
-            await self._show_picture()
+            self.overlay.show(await self._seen())
         await self.measure()

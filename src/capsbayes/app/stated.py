@@ -7,8 +7,9 @@ import re
 import shlex
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from capsbayes.files.input_file import PICTURES, VIDEOS
 
@@ -18,6 +19,7 @@ EVENTS = (".rtdc",)
 KINDS = (*PICTURES, *VIDEOS, *EVENTS)
 """Endings of the files that the page takes."""
 
+PRIORS = ("surface_shear_modulus", "capsule_radius")
 SEED = 1
 EXAMPLE = {"half_width": "25 +/- 0.2 um", "viscosity": "0.8 +/- 0.02 Pa s", "velocity": "4.86 +/- 0.04 mm/s"}
 EXAMPLE_PICTURE = Path(__file__).with_name("example.png")
@@ -26,7 +28,7 @@ _TAKEN = {"overlay", "corner", "outline", "report", "silhouette"}  # names of wh
 _LONGEST = 60  # letters of a name
 
 
-@dataclass
+@dataclass(unsafe_hash=True)
 class Stated:
     """What is stated of one capsule; a text that is empty is not stated. Most are options of ``capsbayes identify``.
 
@@ -49,14 +51,31 @@ class Stated:
     membrane: str = ""
     engine: str = "quadrature"
     flow_rate: str = ""
+    surface_shear_modulus: str = ""  # priors
+    capsule_radius: str = ""
 
     def of(self, picture: str = "", **stated: str) -> Stated:
-        """Return what is stated of another picture, with the velocity and the flow rate of step 3."""
-        return Stated(picture, velocity=self.velocity, flow_rate=self.flow_rate, **stated)
+        """Return what is stated of another picture, with what steps 3 and 4 state."""
+        further = {name: getattr(self, name) for name in ("velocity", "flow_rate", "membrane", "engine", *PRIORS)}
+        return Stated(picture, **{**further, **stated})
+
+    def asked(self, folder: Path) -> tuple[Any, ...]:
+        """Return all on which a result depends: a copy of what is stated, and what tells its files from others."""
+        speeds = {"velocity": "", "flow_rate": ""} if self.measured else {}  # a measurement has its own
+        paths = [folder / name for name in (self.picture, self.background, self.measured) if name]
+        stamps = [(path.stat().st_mtime_ns, path.stat().st_size) for path in paths if path.is_file()]
+        known = folder / EXPERIMENT
+        return replace(self, **speeds), *stamps, not self.measured and known.is_file() and known.read_bytes()
 
     def by_hand(self) -> dict[str, str]:
         """What `capsbayes.image.ByHand` takes, as far as it is stated."""
-        names = ("walls", "wall_error", "crop", "erase", "contrast", "rotate", "gamma")
+        return self._given("walls", "wall_error", "crop", "erase", "contrast", "rotate", "gamma")
+
+    def priors(self) -> dict[str, str]:
+        """What `capsbayes.infer.Prior` takes, as far as it is stated."""
+        return self._given(*PRIORS)
+
+    def _given(self, *names: str) -> dict[str, str]:
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
     def commands(self, folder: Path) -> list[str]:
@@ -66,13 +85,16 @@ class Stated:
             options = {"experiment": EXPERIMENT, "velocity": self.velocity, "flow_rate": self.flow_rate}
             options |= {"background": self.background, "flow": self.flow, **self.by_hand()}
         options |= {"membrane": self.membrane, "engine": self.engine, "seed": str(SEED), "out": "."}
-        identify = ["capsbayes", "identify", self.measured or self.picture, *_in_words(options)]
+        priors = [word for name, text in self.priors().items() for word in ("--prior", f"{name}={text}")]
+        identify = ["capsbayes", "identify", self.measured or self.picture, *_in_words(options), *priors]
         report = ["capsbayes", "report", ".", "--out", "report.html"]
         return [enter(folder), in_shell(identify), in_shell(report)]
 
     def script(self, folder: Path) -> str:
         """Return a script of Python that finds the same posterior, and writes it and its page."""
-        by_hand = ", ".join(f"{name}={text!r}" for name, text in self.by_hand().items())
+        by_hand, priors = (
+            ", ".join(f"{name}={text!r}" for name, text in given.items()) for given in (self.by_hand(), self.priors())
+        )
         options = {"capsule_velocity": self.velocity, "flow_rate": self.flow_rate}
         options |= {"background": self.background, "flow": self.flow}
         how = "".join(f", {name}={text!r}" for name, text in options.items() if text)
@@ -85,6 +107,7 @@ class Stated:
         if self.membrane:
             model = "cb.MembraneSurrogate.open(known.cross_section, view=view)"
             membrane = f', membrane=cb.Membrane("{self.membrane}")'
+        membrane += f", prior=cb.Prior({priors})" if priors else ""
         return f"""import os
 
 import capsbayes as cb
