@@ -6,7 +6,12 @@ stand in `references`, all others are computed.
 
 from evidence.verification.capsules import circular_tube, paper_capsule, simple_shear, transients
 from evidence.verification.closed_forms import membrane_laws, rigid_spheres, single_layer, undisturbed_flow
-from evidence.verification.discretisation import mesh_refinement, newtons_jacobian, wall_discretisation
+from evidence.verification.discretisation import (
+    largest_tension,
+    mesh_refinement,
+    newtons_jacobian,
+    wall_discretisation,
+)
 from evidence.verification.topic import Topic, verify
 
 __all__ = ["TOPICS", "verify"]
@@ -21,6 +26,7 @@ TOPICS: tuple[Topic, ...] = (
     paper_capsule(),
     circular_tube(),
     mesh_refinement(),
+    largest_tension(),
     transients(),
     simple_shear(),
 )

@@ -48,6 +48,10 @@ _TARGETS = {  # errors at n = 8 and at n = 12
     "velocity_ratio": (0.001, 0.0005),
 }
 
+_TENSION_CASES = ((0.02, 1.0), (0.05, 0.9), (0.1, 0.85), (0.1, 1.0))
+_STORED, _FINER = 12, 16  # refinement of the states whose largest tension is stored, and a finer one
+_TENSION = "largest_tension"
+
 
 def newtons_jacobian() -> Topic:
     """Return the topic of derivatives along two smooth changes of shape and along Ca, at a steady state."""
@@ -166,3 +170,29 @@ def _refinement_picture(results: Results, figure: Figure) -> None:
     right.loglog(_REFINEMENTS, seconds, "o-", label=f"exponent {-fitted_rate(_REFINEMENTS, seconds):.1f}")
     label_refinements(left, _REFINEMENTS, "relative error")
     label_refinements(right, _REFINEMENTS, "seconds")
+
+
+def largest_tension() -> Topic:
+    """Return the topic of the largest principal tension on the mesh of the stored states and on a finer one."""
+    return Topic(
+        "tension",
+        "Largest tension",
+        "Largest principal tension over G_s of neo-Hookean capsules in the square channel, at the refinement of the "
+        "stored states and at a finer one.",
+        {_with_tension(case, n): partial(_tension_of, case, n) for case in _TENSION_CASES for n in (_STORED, _FINER)},
+        _tension_rows,
+    )
+
+
+def _with_tension(case: tuple[float, float], refinement: int) -> str:
+    return "Ca = {:g}, a/l = {:g}, {}".format(*case, on_mesh(refinement))
+
+
+def _tension_of(case: tuple[float, float], refinement: int) -> Values:
+    return {_TENSION: float(steady(Simulator(refinement=refinement), *case).principal_tensions.max())}
+
+
+def _tension_rows(results: Results) -> Iterator[Row]:
+    for case in _TENSION_CASES:
+        ours, finer = (results.value(_with_tension(case, n), _TENSION) for n in (_STORED, _FINER))
+        yield Row(_with_tension(case, _STORED), ours, Reference(finer, on_mesh(_FINER)), Target("relative", 0.02))

@@ -1,5 +1,6 @@
 """The largest tension of a membrane is that of the simulator, and Young's modulus follows from both moduli."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from results import posterior
 from capsbayes import Experiment, Measurement, Surrogate, identify
 from capsbayes.database import Database
 from capsbayes.infer.posterior import Posterior
-from capsbayes.infer.tension import LargestTension, membrane_tension
+from capsbayes.infer.tension import _ERROR, LargestTension, membrane_tension
 from capsbayes.report.posterior_figures import posterior_page
 
+EVIDENCE = Path(__file__).parents[2] / "evidence" / "results" / "verification"
 POOLS = Path(__file__).parents[2] / "data" / "pools"  # their shapes have the mesh of the states, not their places
 
 
@@ -39,6 +41,17 @@ def test_it_is_that_of_simulated_capsules_within_its_error(tension, pool, membra
     off = np.log(found / simulated["maximum_tension"])[known]
     assert np.abs(off).max() < largest
     assert np.mean(np.abs(off) < 2.0 * errors[known]) > 0.9
+
+
+def test_its_error_covers_the_difference_from_a_finer_mesh():
+    """As the verification found it, and the page of a capsule says."""
+    text = (EVIDENCE / "verification.md").read_text().partition("## Largest tension")[2].partition("##")[0]
+    off = [abs(float(percent)) for percent in re.findall(r"\| ([+-][\d.]+) % \|", text)]
+    assert len(off) == 4
+    assert max(off) < 100.0 * _ERROR
+    page = (EVIDENCE.parents[2] / "docs" / "one-capsule.md").read_text()
+    assert f"{100.0 * _ERROR:.0f} % for the mesh" in page
+    assert f"differs by {min(off):.1f} to {max(off):.1f} %" in " ".join(page.split())
 
 
 def test_beyond_the_states_it_is_not_known(tension):
