@@ -205,10 +205,6 @@ class Database(StoredStates):
         attributes : mapping of str to str or number
             A value for each of `ATTRIBUTES` except ``sha256``.
 
-        Returns
-        -------
-        Database
-
         Raises
         ------
         DatabaseError

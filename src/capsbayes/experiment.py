@@ -480,10 +480,6 @@ class Experiment(Readable):
             ``membrane_thickness``; all but the first are texts that `Quantity.read` reads. A table ``[camera]`` states
             the geometry of the camera as `Camera.read` reads it.
 
-        Returns
-        -------
-        Experiment
-
         Raises
         ------
         InputError

@@ -504,10 +504,6 @@ class Measurement(Readable):
             `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
             ``[outline]``, which `MeasuredOutline.read` reads.
 
-        Returns
-        -------
-        Measurement
-
         Raises
         ------
         InputError

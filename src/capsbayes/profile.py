@@ -68,10 +68,6 @@ class Profile:
             Consecutive vertices, columns (z, y), from any start in either
             sense; the last may repeat the first. The nose is inserted where
             the outline crosses the axis between two vertices.
-
-        Returns
-        -------
-        Profile
         """
         outline = _checked(points)
         if np.array_equal(outline[0], outline[-1]):
@@ -142,10 +138,6 @@ class Profile:
         ----------
         radius : float
             Radius a of the capsule at rest, in the unit of the points.
-
-        Returns
-        -------
-        float
         """
         return self.perimeter / (2.0 * np.pi * radius)
 
@@ -157,10 +149,6 @@ class Profile:
         count : int
             Number of points, at least 4; when even, a symmetric outline keeps
             its rear point.
-
-        Returns
-        -------
-        Profile
         """
         return Profile(equally_spaced(self.points, count))
 
@@ -186,10 +174,6 @@ class Profile:
         Parameters
         ----------
         other : Profile
-
-        Returns
-        -------
-        float
         """
         return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
 

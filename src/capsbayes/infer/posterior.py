@@ -454,10 +454,6 @@ class Posterior:
         path : path
             NetCDF file, ``posterior.nc`` of ``capsbayes identify``.
 
-        Returns
-        -------
-        Posterior
-
         Raises
         ------
         InputError
@@ -665,10 +661,6 @@ class Posterior:
         path : path
         work : str
             Hash of what the posterior is computed from, kept in the file so that a batch finds its finished work.
-
-        Returns
-        -------
-        Path
         """
         import xarray as xr  # slow to import
 

@@ -48,10 +48,6 @@ def membrane_tension(posterior: Posterior) -> MembraneTension | None:
     """Compute what the membrane of a capsule bears; None for a model whose law has no stored tensions.
 
     The tension over G_s is the diffuse approximation of those of the membrane's states, with its own error.
-
-    Returns
-    -------
-    MembraneTension or None
     """
     stated = _parameters(posterior.model_name)
     if stated is None:

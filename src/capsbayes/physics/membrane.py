@@ -467,10 +467,6 @@ def law_named(text: str) -> MembraneLaw:
     text : str
         A name of `LAWS`, with the parameters that differ from their defaults.
 
-    Returns
-    -------
-    MembraneLaw
-
     Raises
     ------
     InputError

@@ -221,10 +221,6 @@ def inverse(database: Database, neighbours: int = 14) -> Inverse:
     neighbours : int
         N, the number of cases in the neighbourhood.
 
-    Returns
-    -------
-    Inverse
-
     References
     ----------
     Quesada, Dupont, Villon & Salsac, Math. Mech. Solids (2021), doi:10.1177/1081286520977602.
