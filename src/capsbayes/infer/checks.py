@@ -89,7 +89,11 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
             continue
         this = Marginal.of_draws(draws[name] if name in COORDINATES else np.log(draws[name]))
         means[name] = abs(this.mean - other.mean) / other.sd
-        sds[name] = min(abs(this.sd / other.sd - 1.0), _widths_differ(this, other))
+        # A distant shape with 1e-5 of the probability widens the standard deviation of the grid by 10 %, but no
+        # interval, and walkers do not find it: then the larger difference of the widths decides.
+        widths = [[upper - lower for lower, upper in map(each.ends, (68, 95))] for each in (this, other)]
+        wider = max(abs(here / there - 1.0) for here, there in zip(*widths, strict=True))
+        sds[name] = min(abs(this.sd / other.sd - 1.0), wider)
         ends = ("median", "lower_68", "upper_68", "lower_95", "upper_95")
         quantiles[name] = max(abs(getattr(this, end) - getattr(other, end)) for end in ends) / other.sd
     worst = max(means, key=lambda name: max(means[name] / MEANS_AGREE, sds[name] / SDS_AGREE))
@@ -97,11 +101,3 @@ def agreement(draws: Mapping[str, Floats], reference: Mapping[str, Marginal]) ->
     return Agreement(
         mean, sd, quantile, worst, bool(mean <= MEANS_AGREE and sd <= SDS_AGREE and quantile <= _QUANTILES_AGREE)
     )
-
-
-def _widths_differ(this: Marginal, other: Marginal) -> float:
-    """Return the relative difference of the widths of the 68 % and of the 95 % intervals, the larger of the two."""
-    # A distant shape with 1e-5 of the probability widens the standard deviation of the grid by 10 %, but no interval,
-    # and walkers do not find it: then the widths decide.
-    widths = [(summary.upper_68 - summary.lower_68, summary.upper_95 - summary.lower_95) for summary in (this, other)]
-    return max(abs(here / there - 1.0) for here, there in zip(*widths, strict=True))

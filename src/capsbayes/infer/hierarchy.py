@@ -208,7 +208,9 @@ def drawn(
     count = int(np.clip(_BUDGET / log_posterior.size, _FEWEST_DRAWS, most))
     centre, covariance = place
     for _ in range(_PROPOSAL_ROUNDS):
-        tried = _drawn_from_t(centre, covariance, rng, count)
+        # SciPy draws along eigenvectors, whose signs depend on the kernel
+        normal = rng.standard_normal((count, len(centre))) @ np.linalg.cholesky(covariance).T
+        tried = centre + normal / np.sqrt(rng.chisquare(_PROPOSAL_FREEDOM, (count, 1)) / _PROPOSAL_FREEDOM)
         proposal = stats.multivariate_t(centre, covariance, df=_PROPOSAL_FREEDOM)
         tailed, pareto = smoothed(log_posterior(tried) - proposal.logpdf(tried))
         weights = normalised(tailed)
@@ -221,12 +223,6 @@ def drawn(
             tempered = normalised(power * tailed)
         centre, covariance = tempered @ tried, np.cov(tried.T, aweights=tempered)
     return tried[rows_by_weight(weights, rng, _KEPT)], gates
-
-
-def _drawn_from_t(centre: Floats, covariance: Floats, rng: np.random.Generator, count: int) -> Floats:
-    """Draw from the proposal : (count, p) array. SciPy draws along eigenvectors, whose signs depend on the kernel."""
-    normal = rng.standard_normal((count, len(centre))) @ np.linalg.cholesky(covariance).T
-    return np.asarray(centre + normal / np.sqrt(rng.chisquare(_PROPOSAL_FREEDOM, (count, 1)) / _PROPOSAL_FREEDOM))
 
 
 def mode(log_posterior: LogPosterior, start: Floats | None = None) -> tuple[Floats, Floats]:
@@ -423,10 +419,8 @@ class Hierarchy(Readable):
     @property
     def shared_share(self) -> dict[str, float]:
         """Share of the variance of the logarithm of each median that is due to what all capsules share."""
-        found = {}
-        for name, values in self.without_shared.items():
-            found[name] = 1.0 - float(np.var(np.log(values)) / np.var(np.log(self.draws[name])))
-        return found
+        logs = {name: (np.log(values), np.log(self.draws[name])) for name, values in self.without_shared.items()}
+        return {name: 1.0 - float(np.var(alone) / np.var(whole)) for name, (alone, whole) in logs.items()}
 
     def added_to(self, population: Population) -> Population:
         """Return the capsules with this result added: draws as ``population_surface_shear_modulus`` and so on."""
@@ -557,7 +551,9 @@ def hierarchy(
             least_stretch=least_stretch,
             model=model,
         )
-    components = _components(population, kept, viscosity, half_width)
+    components = np.ascontiguousarray(population["likelihood"][kept])  # in (log G_s, log a), at what all share
+    components[:, :, 1] += np.float32(np.log(viscosity.value))
+    components[:, :, 2] += np.float32(np.log(half_width.value))
     if tails != NORMAL:
         components = merged(components, _MERGED)
     rng = np.random.default_rng([seed, 3])
@@ -619,16 +615,6 @@ def _taking_part(population: Population, least_stretch: float | None, model: For
         expected = f"at least {FEWEST} capsules with a result"
         raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
     return np.asarray(kept)
-
-
-def _components(
-    population: Population, kept: NDArray[np.bool_], viscosity: Quantity, half_width: Quantity
-) -> NDArray[np.float32]:
-    """Return the likelihoods of the capsules in (log G_s, log a), at what they share : (n, c, 6) array."""
-    components = np.ascontiguousarray(population["likelihood"][kept])
-    components[:, :, 1] += np.float32(np.log(viscosity.value))
-    components[:, :, 2] += np.float32(np.log(half_width.value))
-    return components
 
 
 def _check_cut(least_stretch: float, model: ForwardModel | None) -> None:

@@ -227,9 +227,7 @@ def modulus_over_laws(
     if measurement.axial_length is None:
         return None
     seen = LengthsLikelihood.of(measurement).with_half_width(experiment.half_width.value, experiment.half_width.error)
-    ends = [
-        (model.coordinates[name].low, model.coordinates[name].null_value, model.coordinates[name].high) for name in _LAW
-    ]
+    ends = [(known.low, known.null_value, known.high) for known in map(model.coordinates.__getitem__, _LAW)]
     inputs, found = Inputs.of(measurement, experiment), []
     for law in product(*ends):
         place = _nearest(model.fixed(**dict(zip(_LAW, law, strict=True))), seen)
@@ -425,7 +423,9 @@ def identify(
         quadrature = exact_engine(model, experiment, prior)
         grid = quadrature(measurement)
         misfits = misfits_of(predicted := p_values(quadrature, measurement, grid))
-        engine = _engine_for(grid, engine, effort, misfits)
+        if not all(misfit.gate.passed for misfit in misfits):  # nobody may use the intervals: the chains are saved
+            engine = "quadrature"
+        engine = engine or ("quadrature" if _has_many_unknowns(grid) and effort is None else "emcee")
         run = _sampled if engine == "emcee" else _gridded
         draws, ensemble, gates, agreed = run(grid, seed, effort)
         reported = _reported(grid)
@@ -433,8 +433,10 @@ def identify(
         marginals = {name: Marginal.of_draws(draws[name]) for name in reported} if agreed else exact
         draws = _named_as_given(draws, grid)
         leans = leanings(draws, model, quadrature.prior)
-        if measurement.outline is not None:
-            misfits = [*_misfits_of_outline(measurement.outline, model, draws), *misfits]
+        if (seen := measurement.outline) is not None:  # the gravest first
+            misfits.insert(0, Misfit(outline_misfit(seen, model, draws), Status.OUTLINE_MISFIT))
+            if (odd := lopsided(seen)) is not None:
+                misfits.insert(0, Misfit(odd, Status.LOPSIDED))
         if not grid.density.inputs.viscous_tension:
             misfits.append(inertia(float(experiment.reynolds_number(marginals["mean_velocity"].median))))
         modulus = "surface_shear_modulus"
@@ -463,20 +465,6 @@ def identify(
             log_modulus_sd_if_known=_log_modulus_sd_if_known(grid, measurement, experiment),
             expected_log_modulus_sds=_expected(grid, measurement) if error_budget else {},
         )
-
-
-def _engine_for(grid: ExactPosterior, stated: str | None, effort: Effort | None, misfits: list[Misfit]) -> str:
-    """Return the engine stated, or the default; quadrature where nobody may use the intervals, to save the chains."""
-    if not all(misfit.gate.passed for misfit in misfits):
-        return "quadrature"
-    return stated or ("quadrature" if _has_many_unknowns(grid) and effort is None else "emcee")
-
-
-def _misfits_of_outline(outline: MeasuredOutline, model: ForwardModel, draws: Mapping[str, Floats]) -> list[Misfit]:
-    """Return the gates on a measured outline, the gravest first."""
-    odd = lopsided(outline)
-    gates = [] if odd is None else [Misfit(odd, Status.LOPSIDED)]
-    return [*gates, Misfit(outline_misfit(outline, model, draws), Status.OUTLINE_MISFIT)]
 
 
 def check_applies(
@@ -524,9 +512,8 @@ def _named_as_given(draws: dict[str, Floats], grid: ExactPosterior) -> dict[str,
     """Return draws with that of mu U in place of viscosity and velocities where it was given as one quantity."""
     if not grid.density.inputs.viscous_tension:
         return draws
-    return {name: values for name, values in draws.items() if name not in OF_VELOCITY} | {
-        "viscous_tension": draws["viscosity"]
-    }
+    left = {name: values for name, values in draws.items() if name not in OF_VELOCITY}
+    return left | {"viscous_tension": draws["viscosity"]}
 
 
 def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:

@@ -43,16 +43,10 @@ def chains(arrays: Mapping[str, Floats], **coordinates: Any) -> xr.Dataset:
     import xarray as xr
 
     number, length = next(iter(arrays.values())).shape
-    variables = {name: (("chain", "draw"), values, attributes_of(name)) for name, values in arrays.items()}
+    known = {name: PARAMETERS[name] for name in arrays if name in PARAMETERS}
+    attributes = {name: {"long_name": it.meaning, "symbol": it.symbol, "units": it.unit} for name, it in known.items()}
+    variables = {name: (("chain", "draw"), values, attributes.get(name)) for name, values in arrays.items()}
     return xr.Dataset(variables, {"chain": np.arange(number), "draw": np.arange(length), **coordinates})
-
-
-def attributes_of(name: str) -> dict[str, str]:
-    """Return meaning, symbol and unit of a quantity, nothing for other names."""
-    parameter = PARAMETERS.get(name)
-    if parameter is None:
-        return {}
-    return {"long_name": parameter.meaning, "symbol": parameter.symbol, "units": parameter.unit}
 
 
 def read_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
@@ -170,10 +164,8 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
     """Return what the tables of a posterior omit, ready for JSON."""
     # The points of a measured outline are in a group of the file: they are too many for an attribute.
     measured = {each.name: getattr(seen, each.name) for each in fields(seen) if each.name not in _APART}
-    measured |= {
-        "conditions": dict(seen.conditions),
-        "experiment_file": seen.experiment_file and str(seen.experiment_file),
-    }
+    file = seen.experiment_file and str(seen.experiment_file)
+    measured |= {"conditions": dict(seen.conditions), "experiment_file": file}
     if seen.outline is not None:
         noise, pose = vars(seen.outline.noise), vars(seen.outline.pose)
         measured["outline"] = {"noise": noise, "pose": pose, "view": seen.outline.view}
@@ -240,9 +232,7 @@ def _fields(attributes: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any
         "modulus_over_laws": tuple(tables[OVER_LAWS]) if OVER_LAWS in tables else None,
         "expected_log_modulus_sds": tables.get(LOG_MODULUS_SD, {}).get("expected", {}),
         "log_modulus_sd_if_known": tables.get(LOG_MODULUS_SD, {}).get("if_coordinates_known"),
-        "resimulation": Resimulation.of_file(tables[RESIMULATED], groups[RESIMULATED])
-        if RESIMULATED in groups
-        else None,
+        "resimulation": _resimulation(tables[RESIMULATED], groups[RESIMULATED]) if RESIMULATED in groups else None,
     }
 
 
@@ -302,12 +292,6 @@ class Resimulation:
     def __len__(self) -> int:
         return len(self.differences)
 
-    @classmethod
-    def of_file(cls, table: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Resimulation:
-        """Return what `as_dict` and `dataset` describe."""
-        before = _marginal(table["surface_shear_modulus_before"])
-        return cls(table["refinement"], table["lost"], before, **arrays)
-
     @property
     def compared(self) -> dict[str, tuple[Floats, Floats]]:
         """Differences and stated errors by name, of the outline as ``"outline"``."""
@@ -342,6 +326,10 @@ class Resimulation:
 
         columns = {"differences": "number", "stated": "number", "outlines": "point", "outlines_stated": "point"}
         return xr.Dataset({name: (("shape", column), getattr(self, name)) for name, column in columns.items()})
+
+
+def _resimulation(table: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Resimulation:
+    return Resimulation(table["refinement"], table["lost"], _marginal(table["surface_shear_modulus_before"]), **arrays)
 
 
 def _rms(values: Floats) -> float:
@@ -447,12 +435,7 @@ class Posterior:
 
     @classmethod
     def read(cls, path: str | Path) -> Posterior:
-        """Read a file that `write` wrote.
-
-        Parameters
-        ----------
-        path : path
-            NetCDF file, ``posterior.nc`` of ``capsbayes identify``.
+        """Read a file that `write` wrote, as ``posterior.nc`` of ``capsbayes identify``.
 
         Raises
         ------
@@ -544,12 +527,17 @@ class Posterior:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the draws, ready for JSON."""
+        marginals, seen = self.marginals, self.resimulation
+        moved = {} if seen is None else {"surface_shear_modulus_moved": seen.moved(marginals["surface_shear_modulus"])}
+        reynolds = None  # where neither viscosity nor velocity is known
+        if not self.inputs.viscous_tension:
+            reynolds = float(self.experiment.reynolds_number(marginals["mean_velocity"].median))
         return {
             "status": self.status.name,
             "sentence": str(self.status),
             "quantities": {
                 name: {"symbol": PARAMETERS[name].symbol, "unit": PARAMETERS[name].unit, **marginal.as_dict()}
-                for name, marginal in self.marginals.items()
+                for name, marginal in marginals.items()
             },
             "quadrature": {name: marginal.as_dict() for name, marginal in self.reference.items()},
             "agreement": None if self.agreement is None else {**vars(self.agreement), "sentence": str(self.agreement)},
@@ -558,8 +546,8 @@ class Posterior:
             "share_next_to_border": dict(self.leaning),
             "p_values": dict(self.p_values),
             **self._of_coordinates(),
-            RESIMULATED: self.resimulation and self._resimulated(self.resimulation),
-            "reynolds_number": self._reynolds_number(),
+            RESIMULATED: seen and {**moved, **seen.as_dict()},
+            "reynolds_number": reynolds,
             "gates": [gate.as_dict() for gate in self.gates],
             "inputs": self._inputs(),
             "prior": self._priors(),
@@ -569,15 +557,6 @@ class Posterior:
             "seed": self.seed,
             "version": self.version,
         }
-
-    def _resimulated(self, seen: Resimulation) -> dict[str, Any]:
-        return {"surface_shear_modulus_moved": seen.moved(self.marginals["surface_shear_modulus"]), **seen.as_dict()}
-
-    def _reynolds_number(self) -> float | None:
-        """Return that of the median flow, None where neither viscosity nor velocity is known."""
-        if self.inputs.viscous_tension:
-            return None
-        return float(self.experiment.reynolds_number(self.marginals["mean_velocity"].median))
 
     def _of_coordinates(self) -> dict[str, Any]:
         if self.modulus_over_laws is not None:
@@ -656,11 +635,7 @@ class Posterior:
         The attributes of the file hold the fingerprint of the model, priors, inputs, seed, version, engine, gates and
         status.
 
-        Parameters
-        ----------
-        path : path
-        work : str
-            Hash of what the posterior is computed from, kept in the file so that a batch finds its finished work.
+        The hash `work` of what the posterior is computed from is kept too, so that a batch finds its finished work.
         """
         import xarray as xr  # slow to import
 
@@ -745,8 +720,7 @@ class Posterior:
         }
         walked = replace(self, draws=draws, ensemble=np.arange(len(of_walkers)))
         groups = {**walked.groups(), "log_prior": walked.log_prior()}
-        forward = self.model_of(model)
-        what = (draws, self.measurement, self.experiment, self.prior, self.inputs, forward, self.seed)
+        what = (draws, self.measurement, self.experiment, self.prior, self.inputs, self.model_of(model), self.seed)
         further = Predictive(*what).groups()
         if "sample_stats" in groups:  # of the chains themselves
             del further["sample_stats"]
@@ -757,8 +731,7 @@ class Posterior:
         if self.outlines is not None:  # of some of the draws
             outlines = groups["posterior_predictive"]["outline"][0].rename(draw="outline_draw")
             made["posterior_predictive"] = made["posterior_predictive"].assign(outline=outlines)
-        groups |= made
-        return inference_data(groups, units)
+        return inference_data(groups | made, units)
 
 
 def width_over_prior(marginal: Marginal, prior: Quantity) -> float:

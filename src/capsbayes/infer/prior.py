@@ -124,24 +124,22 @@ class Inputs:
 
     def with_velocity_of(self, measurement: Measurement) -> Inputs:
         """Return the same viscosity and half width with the velocity of a capsule and the flow rate."""
+        where = measurement.source or "measurement"
         if not measurement.status.ok:
-            where = measurement.source or "measurement"
             raise InputError(where, "status", "a measurement that ended as it should", str(measurement.status))
         if self.viscous_tension:
             if measurement.flow_rate is not None:
-                where = measurement.source or "measurement"
                 raise InputError(where, "flow_rate", "none: the experiment states viscous_tension", "one")
             return self
         rate = measurement.flow_rate and Quantity(measurement.flow_rate, measurement.flow_rate_error or 0.0, "m^3/s")
         by_rate = rate is not None and measurement.capsule_velocity is None
         if by_rate and not measurement.flow_rate_error:
             expected = "a standard error, as no velocity is stated"
-            raise InputError(measurement.source or "measurement", "flow_rate", expected, "none")
+            raise InputError(where, "flow_rate", expected, "none")
         velocity = self.capsule_velocity if by_rate else measurement.known_velocity
         for key, seen in (("capsule_velocity", velocity), ("flow_rate", rate)):
             if seen is not None and seen.error > LOOSEST_VELOCITY * seen.value:
-                where, what = measurement.source or "measurement", key.rpartition("_")[2]
-                expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {what}"
+                expected = f"a standard error below {LOOSEST_VELOCITY:.0%} of the {key.rpartition('_')[2]}"
                 raise InputError(where, key, expected, f"{seen.error / seen.value:.0%}")
         return replace(self, capsule_velocity=velocity, flow_rate=rate)
 
@@ -254,7 +252,7 @@ class Prior:
         file = InputFile.read(path)
         stated, where = file.table("prior", optional=(*LIMITED, *COORDINATES)), str(path)
         ranges: dict[str, Any] = {
-            key: _distribution(where, f"prior.{key}", value) for key, value in stated.items() if key in LIMITED
+            key: _distribution(where, f"prior.{key}", stated[key]) for key in LIMITED if key in stated
         }
         texts = {key: value for key, value in stated.items() if key in COORDINATES}
         return replace(default or cls(), **ranges).with_texts(texts, where=f"{where}: prior")
@@ -531,9 +529,8 @@ class Membrane:
         for name, value in fixed.items():
             ends = model.coordinates.get(name)
             if ends is None or not ends.low <= value <= ends.high:
-                expected = (
-                    "nothing, as the model does not have it" if ends is None else f"{ends.low:g} to {ends.high:g}"
-                )
+                lacking = "nothing, as the model does not have it"
+                expected = lacking if ends is None else f"{ends.low:g} to {ends.high:g}"
                 raise InputError(self.source, name, expected, f"{value:g}")
         for name in stated:
             if name in prior.coordinates:

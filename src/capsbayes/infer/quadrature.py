@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from capsbayes.arrays import Booleans, Floats
 from capsbayes.errors import InputError, NoShapeError
@@ -268,8 +269,10 @@ def _better_window(posterior: GridPosterior, resolution: Resolution, bounds: Win
     both = posterior.of_cells.max(axis=0)
     likely = both > np.exp(-DROP) * both.max()
     peak = np.unravel_index(int(both.argmax()), both.shape)
-    if any(_at_open_end(int(peak[k]), window, bounds, k) for k in (0, 1)):
-        return window.wider(bounds, (_THEN, _THEN))
+    for k, index in enumerate(map(int, peak)):
+        low, high = window.open_ends(bounds, k)
+        if (low and index <= 1) or (high and index >= window.shape[k] - 2):
+            return window.wider(bounds, (_THEN, _THEN))
     if all(gate.passed for gates in (*resolution, [_whole(posterior, bounds)]) for gate in gates):
         return None
     around = window.around(likely, (_THEN, _THEN), bounds)
@@ -330,19 +333,7 @@ def _cut_cells(posterior: GridPosterior) -> Booleans | None:
 
 def _spread(cells: Booleans) -> Booleans:
     """Return the cells and their eight neighbours."""
-    rows = cells.copy()
-    rows[1:] |= cells[:-1]
-    rows[:-1] |= cells[1:]
-    spread = rows.copy()
-    spread[:, 1:] |= rows[:, :-1]
-    spread[:, :-1] |= rows[:, 1:]
-    return spread
-
-
-def _at_open_end(index: int, window: Window, bounds: Window, axis: int) -> bool:
-    """Return whether a cell is one of the last two before an end of the window that is no end of the domain."""
-    low, high = window.open_ends(bounds, axis)
-    return (low and index <= 1) or (high and index >= window.shape[axis] - 2)
+    return binary_dilation(cells, np.ones((3, 3), dtype=bool))
 
 
 def _whole(posterior: GridPosterior, bounds: Window) -> Gate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -226,7 +226,8 @@ def verdict(
         return Status.NOT_MIXED if agreed is not None else unresolved
     if agreed is not None and not agreed.passed:
         return Status.ENGINES_DISAGREE
-    return failed or leaning_status(shares_by_kind(leans))
+    shares = zip(_STATUSES, shares_by_kind(leans), strict=True)
+    return failed or next((kind for kind, share in shares if share > LEANING_SHARE), Status.DONE)
 
 
 def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
@@ -237,8 +238,3 @@ def shares_by_kind(leans: Mapping[str, float]) -> tuple[float, ...]:
     of_prior = max(share for name, share in leans.items() if name.startswith("prior of"))
     at_caveats = (leans.get(kind, 0.0) for kind in (TWO_SHAPES, WRINKLES, UNSURE_SHAPES))
     return of_model, of_prior, *at_caveats
-
-
-def leaning_status(shares: Iterable[float]) -> Status:
-    """Return the status of a posterior by its shares next to each kind of border, in the order of `shares_by_kind`."""
-    return next((kind for kind, share in zip(_STATUSES, shares, strict=True) if share > LEANING_SHARE), Status.DONE)
