@@ -224,13 +224,7 @@ class Database(StoredStates):
         return cls(dataset)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write a NetCDF file, completely or not at all.
-
-        Parameters
-        ----------
-        path : path
-            File to write. An existing one is replaced only when the new one is complete.
-        """
+        """Write a NetCDF file, completely or not at all: an existing one is replaced when the new one is complete."""
         encoding: dict[str, dict[str, Any]] = {}
         for name, variable in _held(self.dataset):
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}

@@ -511,23 +511,14 @@ class Experiment(Readable):
     def write(self, path: str | Path) -> None:
         """Write a file that `read` reads.
 
-        Parameters
-        ----------
-        path : path
-
         Raises
         ------
         InputError
             If a value has a distribution without a text form.
         """
-        lines = [
-            f"cross_section = {json.dumps(self.cross_section)}",
-            f'half_width = "{_text(self.half_width, "half_width")}"',
-        ]
-        for key in (*_FLUID, *_OPTIONAL):
-            value = getattr(self, key)
-            if value not in (None, WATER):
-                lines.append(f'{key} = "{_text(value, key)}"')
+        lines = [f"cross_section = {json.dumps(self.cross_section)}"]
+        stated = ((key, getattr(self, key)) for key in ("half_width", *_FLUID, *_OPTIONAL))
+        lines += [f'{key} = "{_text(value, key)}"' for key, value in stated if value not in (None, WATER)]
         if self.camera is not None:
             lines += ["", "[camera]", *(f'{key} = "{_text(it, key)}"' for key, it in self.camera.stated.items())]
         write_file(path, "\n".join(lines) + "\n")

@@ -332,14 +332,12 @@ class Measurement(Readable):
     Parameters
     ----------
     axial_extent, axial_extent_error : float
-        Maximum extension along the flow L_z and its standard error, over l or
-        in metres.
+        Maximum extension along the flow L_z and its standard error, over l or in metres.
     capsule_velocity, capsule_velocity_error : float [m/s]
         Velocity of the capsule v_o and its standard error; both are missing, None and NaN, where it was not measured
         because the flow rate is known or the experiment states the viscous tension.
     axial_length, axial_length_error : float, optional
-        Length on the axis L_a and its standard error, in the unit of L_z;
-        missing where the rear is hidden behind its rim.
+        Length on the axis L_a and its standard error, in the unit of L_z; missing where the rear is hidden.
     length_correlation : float
         Correlation of the errors of the two lengths, between -1 and 1.
     over_half_width : bool
@@ -497,9 +495,9 @@ class Measurement(Readable):
         Parameters
         ----------
         path : path
-            File with a table ``[measurement]``: ``axial_extent``,
-            ``capsule_velocity`` or ``flow_rate`` or both, unless the experiment states a viscous tension, and
-            optionally ``axial_length`` and ``length_correlation``, or ``axial_length_bound``, ``walls`` and ``doubt``.
+            File with a table ``[measurement]``: ``axial_extent``, ``capsule_velocity`` or ``flow_rate`` or both, unless
+            the experiment states a viscous tension, and optionally ``axial_length`` and ``length_correlation``, or
+            ``axial_length_bound``, ``walls`` and ``doubt``.
             It may name its experiment file (``experiment = "..."``, relative to itself) and state a ``[prior]``, which
             `capsbayes.infer.Prior.read` reads, a ``[membrane]``, which `capsbayes.infer.Membrane.read` reads, and an
             ``[outline]``, which `MeasuredOutline.read` reads.
@@ -561,8 +559,11 @@ class Measurement(Readable):
         """
         if not self.status.ok:
             raise InputError("measurement", "status", "a measurement that ended as it should", str(self.status))
-        lines = [f"experiment = {json.dumps(_name_of(self.experiment_file, path))}"] if self.experiment_file else []
-        lines += ["", "[measurement]"]
+        lines = ["", "[measurement]"]
+        if self.experiment_file:
+            file = self.experiment_file.resolve()
+            bare = file.parent == Path(path).resolve().parent
+            lines.insert(0, f"experiment = {json.dumps(file.name if bare else str(file))}")
         for name, measured in self._stated.items():
             lines.append(f'{name} = "{measured}"')
             if name == "axial_length":
@@ -668,9 +669,3 @@ def _text(value: object, where: str, key: str) -> str:
     if not isinstance(value, str):
         raise InputError(where, key, "a text", repr(value))
     return value
-
-
-def _name_of(file: Path, reader: str | Path) -> str:
-    """Return the name under which one file names another: bare in the same folder, else absolute."""
-    whole = file.resolve()
-    return whole.name if whole.parent == Path(reader).resolve().parent else str(whole)

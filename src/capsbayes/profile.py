@@ -65,9 +65,8 @@ class Profile:
         Parameters
         ----------
         points : (p, 2) array
-            Consecutive vertices, columns (z, y), from any start in either
-            sense; the last may repeat the first. The nose is inserted where
-            the outline crosses the axis between two vertices.
+            Consecutive vertices, columns (z, y), from any start in either sense; the last may repeat the first. The
+            nose is inserted where the outline crosses the axis between two vertices.
         """
         outline = _checked(points)
         if np.array_equal(outline[0], outline[-1]):
@@ -90,8 +89,7 @@ class Profile:
         Parameters
         ----------
         half : (h, 2) array
-            Vertices, columns (z, y), from the nose to the rear point of the
-            axis through y > 0; both ends have y = 0.
+            Vertices, columns (z, y), from the nose to the rear point of the axis through y > 0; both ends have y = 0.
 
         Returns
         -------
@@ -132,13 +130,7 @@ class Profile:
         return signed_area(self.points)
 
     def stretch_ratio(self, radius: float) -> float:
-        """Return the perimeter over that of the sphere at rest, Lambda = P / (2 pi a).
-
-        Parameters
-        ----------
-        radius : float
-            Radius a of the capsule at rest, in the unit of the points.
-        """
+        """Return the perimeter over that of the sphere at rest of a radius in the same unit, Lambda = P / (2 pi a)."""
         return self.perimeter / (2.0 * np.pi * radius)
 
     def resampled(self, count: int) -> Profile:
@@ -147,8 +139,7 @@ class Profile:
         Parameters
         ----------
         count : int
-            Number of points, at least 4; when even, a symmetric outline keeps
-            its rear point.
+            Number of points, at least 4; when even, a symmetric outline keeps its rear point.
         """
         return Profile(equally_spaced(self.points, count))
 

@@ -46,26 +46,16 @@ _PREFIXES = {
 
 
 class Unit(NamedTuple):
-    """Unit over that of SI, with the powers of its dimensions."""
+    """Unit over that of SI."""
 
     size: Fraction
-    length: int = 0
-    mass: int = 0
-    time: int = 0
-    temperature: int = 0
+    dimension: tuple[int, ...] = (0, 0, 0, 0)  # powers of length, mass, time and temperature
     zero: Fraction = Fraction(0)  # in SI, as that of degrees Celsius
-
-    @property
-    def dimension(self) -> tuple[int, ...]:
-        """Powers of the units of SI."""
-        return self[1:5]
 
     def times(self, other: Unit, power: int) -> Unit:
         """Return the product with a power of another unit."""
-        length, mass, time, temperature = (
-            mine + power * its for mine, its in zip(self.dimension, other.dimension, strict=True)
-        )
-        return Unit(self.size * other.size**power, length, mass, time, temperature)
+        powers = (mine + power * its for mine, its in zip(self.dimension, other.dimension, strict=True))
+        return Unit(self.size * other.size**power, tuple(powers))
 
     def measured(self, number: float) -> float:
         """Return a number of this unit in SI, the nearest one to what its shortest decimal says."""
@@ -76,22 +66,22 @@ class Unit(NamedTuple):
 
 
 _UNITS = {
-    **dict.fromkeys(("m", "meter", "metre"), Unit(Fraction(1), 1)),
-    **dict.fromkeys(("micron", "microns"), Unit(Fraction(1, 10**6), 1)),
-    **dict.fromkeys(("L", "liter", "litre"), Unit(Fraction(1, 10**3), 3)),
-    **dict.fromkeys(("g", "gram"), Unit(Fraction(1, 10**3), 0, 1)),
-    **dict.fromkeys(("s", "sec", "secs", "second"), Unit(Fraction(1), 0, 0, 1)),
-    **dict.fromkeys(("min", "mins", "minute"), Unit(Fraction(60), 0, 0, 1)),
-    **dict.fromkeys(("h", "hour"), Unit(Fraction(3600), 0, 0, 1)),
-    **dict.fromkeys(("Hz", "hertz"), Unit(Fraction(1), 0, 0, -1)),
-    **dict.fromkeys(("N", "newton"), Unit(Fraction(1), 1, 1, -2)),
-    **dict.fromkeys(("dyn", "dyne"), Unit(Fraction(1, 10**5), 1, 1, -2)),
-    **dict.fromkeys(("Pa", "pascal"), Unit(Fraction(1), -1, 1, -2)),
-    **dict.fromkeys(("P", "poise"), Unit(Fraction(1, 10), -1, 1, -1)),
-    **dict.fromkeys(("St", "stokes"), Unit(Fraction(1, 10**4), 2, 0, -1)),
-    **dict.fromkeys(("K", "kelvin"), Unit(Fraction(1), 0, 0, 0, 1)),
+    **dict.fromkeys(("m", "meter", "metre"), Unit(Fraction(1), (1, 0, 0, 0))),
+    **dict.fromkeys(("micron", "microns"), Unit(Fraction(1, 10**6), (1, 0, 0, 0))),
+    **dict.fromkeys(("L", "liter", "litre"), Unit(Fraction(1, 10**3), (3, 0, 0, 0))),
+    **dict.fromkeys(("g", "gram"), Unit(Fraction(1, 10**3), (0, 1, 0, 0))),
+    **dict.fromkeys(("s", "sec", "secs", "second"), Unit(Fraction(1), (0, 0, 1, 0))),
+    **dict.fromkeys(("min", "mins", "minute"), Unit(Fraction(60), (0, 0, 1, 0))),
+    **dict.fromkeys(("h", "hour"), Unit(Fraction(3600), (0, 0, 1, 0))),
+    **dict.fromkeys(("Hz", "hertz"), Unit(Fraction(1), (0, 0, -1, 0))),
+    **dict.fromkeys(("N", "newton"), Unit(Fraction(1), (1, 1, -2, 0))),
+    **dict.fromkeys(("dyn", "dyne"), Unit(Fraction(1, 10**5), (1, 1, -2, 0))),
+    **dict.fromkeys(("Pa", "pascal"), Unit(Fraction(1), (-1, 1, -2, 0))),
+    **dict.fromkeys(("P", "poise"), Unit(Fraction(1, 10), (-1, 1, -1, 0))),
+    **dict.fromkeys(("St", "stokes"), Unit(Fraction(1, 10**4), (2, 0, -1, 0))),
+    **dict.fromkeys(("K", "kelvin"), Unit(Fraction(1), (0, 0, 0, 1))),
 }
-_CELSIUS = dict.fromkeys(("degC", "°C", "C", "celsius"), Unit(Fraction(1), 0, 0, 0, 1, Fraction(27315, 100)))
+_CELSIUS = dict.fromkeys(("degC", "°C", "C", "celsius"), Unit(Fraction(1), (0, 0, 0, 1), Fraction(27315, 100)))
 _KINEMATIC = (2, 0, -1, 0)  # powers of m^2/s
 
 # Nothing of a text is evaluated: numbers are matched by these patterns, and a unit is names with one-digit powers.
@@ -614,13 +604,9 @@ class Quantity:
         """Return a number, or the name and the parameters of a distribution of scipy.stats, ready for JSON."""
         if self.known:
             return self.value
-        frozen = self.distribution
+        frozen, arguments = self.distribution, list(map(json_number, self.distribution.args))
         keywords = {name: json_number(value) for name, value in frozen.kwds.items()}
-        return {
-            "distribution": frozen.dist.name,
-            "arguments": [json_number(value) for value in frozen.args],
-            "keywords": keywords,
-        }
+        return {"distribution": frozen.dist.name, "arguments": arguments, "keywords": keywords}
 
     @classmethod
     def of_record(cls, stated: Any, unit: str = "") -> Quantity:
