@@ -44,6 +44,7 @@ _HIGHEST, _HARDER = 0.13, 0.6
 _UNHINDERED, _NARROWING = {"square": 0.9, "circular": 0.86}, {"square": 0.25, "circular": 0.31}
 _LOWEST, _NOT_INFLATED, _LOWEST_PARACHUTE, _RISE = 0.01, 0.02, 0.018, 0.9
 
+_VIEWS = ("profile", "silhouette")
 _DIMENSIONS = {
     "values": ("state", "parameter"),
     "lost": ("lost_state", "parameter"),
@@ -58,7 +59,7 @@ _DIMENSIONS = {
     "tension_place": ("state", "extreme", "axis"),
     **{
         f"{view}{part}": dims
-        for view in ("profile", "silhouette")
+        for view in _VIEWS
         for part, dims in {
             "": ("state", f"{view}_mode"),
             "_along": ("state", f"{view}_mode", "parameter"),
@@ -67,20 +68,8 @@ _DIMENSIONS = {
         }.items()
     },
 }
-_OF_THE_MESH = {
-    "numbers_mesh_error": ("state", "number"),
-    "profile_mesh_error": ("state", "profile_mode"),
-    "silhouette_mesh_error": ("state", "silhouette_mode"),
-}
-_SINGLE = (
-    "profile_along",
-    "silhouette_along",
-    "profile_modes",
-    "silhouette_modes",
-    "mesh_modes",
-    "mesh",
-    *_OF_THE_MESH,
-)
+_OF_THE_MESH = {f"{part}_mesh_error": _DIMENSIONS[part] for part in ("numbers", "profile", "silhouette")}
+_SINGLE = (*(f"{view}_{part}" for view in _VIEWS for part in ("along", "modes")), "mesh_modes", "mesh", *_OF_THE_MESH)
 _MODE = "_mode"  # ending of the dimensions of modes
 
 
@@ -159,13 +148,10 @@ class MembraneDatabase(StoredStates):
         self.check_settings(others.settings)
         changed = {}
         for name, dims in _dimensions_of(self.dataset).items():
-            if (
-                name not in _OF_THE_MESH
-                and dims[0] in ("state", "lost_state")
-                and not any(_MODE in dim for dim in dims)
-            ):
+            of_states = dims[0] in ("state", "lost_state") and not any(_MODE in dim for dim in dims)
+            if of_states and name not in _OF_THE_MESH:
                 changed[name] = (dims, np.concatenate([self[name], others[name]]))
-        for name in ("profile", "silhouette", "mesh"):
+        for name in (*_VIEWS, "mesh"):
             changed |= self._in_common_modes(others, name)
         if self.has_mesh_error:
             changed |= self._mesh_errors_with(others, {name: values for name, (_, values) in changed.items()})

@@ -68,11 +68,10 @@ class Simulated:
         moved = None
         if seen.outline is not None and with_it.outline is not None and null.outline is not None:
             moved = seen.outline + (with_it.outline - null.outline)
+        each = {name: [getattr(prediction, name) for prediction in (seen, with_it, null)] for name in NUMBERS}
         return replace(
             seen,
-            **{
-                name: getattr(seen, name) + (getattr(with_it, name) - getattr(null, name)) + unknown for name in NUMBERS
-            },
+            **{name: plain + (there - here) + unknown for name, (plain, there, here) in each.items()},
             covariance=seen.covariance + np.where(changed[:, None, None], with_it.covariance, 0.0),
             inside=both,
             outline=moved,

@@ -332,12 +332,7 @@ class HermiteTable:
     coefficients: Floats  # (i, j, 4, q): value, first derivatives times step, cross derivative times both
 
     @classmethod
-    def of(
-        cls,
-        function: Callable[[Floats], tuple[Floats, Floats]],
-        lattice: Floats,
-        wanted: Booleans,
-    ) -> HermiteTable:
+    def of(cls, function: Callable[[Floats], tuple[Floats, Floats]], lattice: Floats, wanted: Booleans) -> HermiteTable:
         """Tabulate a function of points (n, 2) with values (n, q), NaN where undefined, and gradients (n, q, 2)."""
         # Points of the regular lattice (i, j, 2) that are not `wanted` (i, j) stay NaN.
         step = lattice[1, 1] - lattice[0, 0]
@@ -348,9 +343,8 @@ class HermiteTable:
         coefficients[wanted, 2] = gradient[..., 1] * step[1]
         # both cross derivatives are second-order accurate, as the fourth order of the table requires
         ways = _differenced(coefficients[:, :, 1], axis=1), _differenced(coefficients[:, :, 2], axis=0)
-        coefficients[:, :, 3] = np.where(
-            np.isnan(ways[0]), ways[1], np.where(np.isnan(ways[1]), ways[0], sum(ways) / 2)
-        )
+        other = np.where(np.isnan(ways[1]), ways[0], sum(ways) / 2)
+        coefficients[:, :, 3] = np.where(np.isnan(ways[0]), ways[1], other)
         return cls(lattice[0, 0], step, coefficients)
 
     def with_gradient(self, points: Floats) -> tuple[Floats, Floats]:

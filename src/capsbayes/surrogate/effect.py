@@ -172,13 +172,6 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
     return PchipInterpolator(knots, moved).c.transpose(1, 0, 2, 3)[:, ::-1].copy()
 
 
-def common_folds(slices: list[Borders], base: Borders) -> Booleans:
-    """Return whether the highest Ca is a limit of existence at both ends of an interval and of the base : (k-1, c-1)"""
-    limit = np.stack([borders.limit for borders in slices])
-    at_columns = limit[1:] & limit[:-1] & base.limit
-    return np.asarray(at_columns[:, 1:] & at_columns[:, :-1])
-
-
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
     """Return branch (0 or 1, -1 if none), column and position of one point between the borders of one interval.
@@ -397,10 +390,8 @@ def _correspond(ca, size, effect, stack, base, weighing, position, own, places, 
     weights[count], weights[count + 1] = (-1.0, 1.0) if corrected else (0.0, 0.0)
     if corrected:
         _within_base(ca, distance, interval, branch, column, share, weighing, base, own)
-        places[count], places[count + 1] = (
-            _there(null, branch, column, own, stack),
-            _there(0, branch, column, own, base),
-        )
+        places[count] = _there(null, branch, column, own, stack)
+        places[count + 1] = _there(0, branch, column, own, base)
     cubics, left_out = weighing.cubics[row, interval], weighing.left_out[row, interval]
     for j in range(count):
         weights[j] = cubics[0, j] + distance * (cubics[1, j] + distance * (cubics[2, j] + distance * cubics[3, j]))
@@ -496,14 +487,11 @@ def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _add_missed(factor, left_out, values, covariance):  # type: ignore[no-untyped-def]
     """Add the square of the interpolation error when one slice is left out."""
-    missed = (0.0, 0.0, 0.0)
+    x, y, z = 0.0, 0.0, 0.0
     for j in range(len(left_out)):
         share = factor * left_out[j]
-        missed = (
-            missed[0] + share * values[j, 0],
-            missed[1] + share * values[j, 1],
-            missed[2] + share * values[j, 2],
-        )
+        x, y, z = x + share * values[j, 0], y + share * values[j, 1], z + share * values[j, 2]
+    missed = x, y, z
     for k in range(3):
         for m in range(3):
             covariance[k, m] += missed[k] * missed[m]
@@ -636,7 +624,9 @@ class EffectSurrogate(DatabaseModel):
         with np.errstate(divide="ignore"):  # a scale may be a limit at an end
             knots = scale.place(values)
         moving = moving_borders(knots, borders, null, base_borders)
-        folds = common_folds(borders, base_borders)
+        limit = np.stack([each.limit for each in borders])
+        limit = limit[1:] & limit[:-1] & base_borders.limit  # at both ends of an interval, and of the base
+        folds = limit[:, 1:] & limit[:, :-1]
         weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, borders, scale))
         self.coordinate = database.effect
         ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
@@ -700,10 +690,8 @@ class EffectSurrogate(DatabaseModel):
         knots, rows = self.domain.weighing.knots, np.arange(len(ca))
         branches, there, *_ = self._corresponding(ca, size, place)
         there[branches < 0] = ca[branches < 0, None]
-        each = [
-            surrogate.case_caveats({"capillary_number": there[:, j], "size_ratio": size})
-            for j, surrogate in enumerate(self.slices)
-        ]
+        pairs = zip(self.slices, there.T, strict=False)  # of the further columns none is a slice's own
+        each = [one.case_caveats({"capillary_number": column, "size_ratio": size}) for one, column in pairs]
         below = np.clip(np.searchsorted(knots, place, side="right") - 1, 0, len(knots) - 2)
         combined = {}
         for kind in sorted({kind for caveats in each for kind in caveats}):
@@ -787,9 +775,8 @@ def _cardinal(values: Floats, borders: list[Borders], scale: Scale) -> tuple[Int
     cardinal = [CardinalCubics(knots, some) for some in sets]
     rows = np.full(enough.shape, -1, dtype=np.int64)
     rows[enough] = np.ravel(which)
-    cubics, left_out, ends = (
-        np.stack([getattr(cubics, name) for cubics in cardinal]) for name in ("cubics", "left_out", "ends")
-    )
+    names = ("cubics", "left_out", "ends")
+    cubics, left_out, ends = (np.stack([getattr(each, name) for each in cardinal]) for name in names)
     if scale.approximate:  # twice the difference: simulated transients differ by up to that
         middle = (knots[1:] + knots[:-1]) / 2
         linear = [CardinalCubics(values, some) for some in sets]
@@ -822,13 +809,8 @@ def _stacked(surrogates: Sequence[PlaneSurrogate], borders: Sequence[Borders], n
             if part.branch.name in of_null:
                 differences[k, j] = part.difference_covariance(of_null[part.branch.name])
             coefficients[k, j] = part.table.coefficients
-    return Stack(
-        frames,
-        cells[0],
-        coefficients.reshape(-1, *coefficients.shape[3:]),
-        errors.reshape(-1, *errors.shape[3:]),
-        differences.reshape(-1, *differences.shape[3:]),
-        jumps.reshape(-1, *jumps.shape[3:]),
-        np.stack([each.capillary_number for each in borders]),
-        np.stack([each.known for each in borders], axis=1),
-    )
+    tables = coefficients, errors, differences, jumps
+    coefficients, errors, differences, jumps = (table.reshape(-1, *table.shape[3:]) for table in tables)
+    lines = np.stack([each.capillary_number for each in borders])
+    known = np.stack([each.known for each in borders], axis=1)
+    return Stack(frames, cells[0], coefficients, errors, differences, jumps, lines, known)

@@ -146,8 +146,8 @@ class InverseResult:
     def hausdorff(self, observed: Profile) -> float:
         """Return the Hausdorff distance of the contour to an observed profile (over l), divided by a [-].
 
-        Both are first centred on the middle of their axial extent, since the
-        origin of the simulation is unknown in a picture.
+        Both are first centred on the middle of their axial extent, since the origin of the simulation is unknown in a
+        picture.
         """
         return _centred(self.profile).hausdorff(_centred(observed)) / self.size_ratio
 
@@ -212,14 +212,7 @@ class Inverse:
 
 
 def inverse(database: Database, neighbours: int = 14) -> Inverse:
-    """Return the paper's procedure over the converged cases of a database.
-
-    Parameters
-    ----------
-    database : Database
-        Steady shapes.
-    neighbours : int
-        N, the number of cases in the neighbourhood.
+    """Return the paper's procedure over the converged cases of a database, with N neighbours.
 
     References
     ----------

@@ -571,10 +571,7 @@ class MembraneSurrogate(DatabaseModel):
         return self._change * self._frame.scale[:2]
 
     def error_places(self, theta: Mapping[str, Floats]) -> Floats:
-        """Return scaled coordinates of flow, size and membrane of a batch : (n, 6) array.
-
-        The model's own error changes over a distance of about one.
-        """
+        """Return (n, 6) coordinates of a batch, scaled so that the model's own error changes over about one."""
         return np.asarray(self._frame.points(parameter_columns(theta)) / self._change)
 
     def membrane_places(self, theta: Mapping[str, Floats]) -> Floats:
@@ -582,10 +579,7 @@ class MembraneSurrogate(DatabaseModel):
         return self.error_places(theta)[:, 2:]
 
     def distances_from_plain(self, name: str, values: Floats) -> Floats:
-        """Return the distances of values (n,) of a parameter from that of the plain membrane : (n,) array.
-
-        The unit is the distance over which the model's own error changes.
-        """
+        """Return how far values (n,) of a parameter are from the plain one, in the unit of `error_places` : (n,)."""
         places = np.tile(np.array(NULL_VALUES), (len(values) + 1, 1))
         column = FREE_PARAMETERS.index(name)
         places[1:, column] = values

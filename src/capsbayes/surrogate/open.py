@@ -103,10 +103,8 @@ class Surrogate(PlaneSurrogate):
         if isinstance(base, Surrogate) and base.view != view:
             raise InputError("Surrogate", "view", f'"{base.view}", that of the base', repr(view))
         slices = {value: cls(database.at_value(value), SLICE_CELLS, view) for value in database.values}
-        plain = cls(base, view=view) if isinstance(base, Database) else base
-        return EffectSurrogate(
-            database, tuple(slices.values()), slices[database.null_value] if plain is None else plain
-        )
+        plain = cls(base, view=view) if isinstance(base, Database) else base or slices[database.null_value]
+        return EffectSurrogate(database, tuple(slices.values()), plain)
 
     def joined(self, effect_database: str) -> EffectSurrogate:
         return joint_surrogate(effect_database, self, self.view)

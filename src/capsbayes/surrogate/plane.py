@@ -285,14 +285,9 @@ class OwnError:
         largest = np.where(known, np.abs(residuals), 0.0).max(axis=0)
         residuals = np.where(known, residuals, largest)
         products = residuals[:, :, None] * residuals[:, None, :]
-        self._field = DiffuseApproximation(
-            nodes,
-            products.reshape(len(products), 9),
-            degree=0,
-            neighbours=min(NEIGHBOURS, len(nodes) - 1),
-            dilation=DILATION,
-            softening=SOFTENING,
-        )
+        how: dict[str, Any] = {"degree": 0, "dilation": DILATION, "softening": SOFTENING}
+        how["neighbours"] = min(NEIGHBOURS, len(nodes) - 1)
+        self._field = DiffuseApproximation(nodes, products.reshape(len(products), 9), **how)
 
     def shares(self, queries: Floats) -> Floats:
         """Return the non-negative share of each case in the mean at points of the plane : (n, 2) -> (n, m) array."""
@@ -394,8 +389,10 @@ class BranchSurrogate:
         self.cases = Database(cases.dataset.drop_vars(list(OUTLINES.values())))  # the outlines take most memory
         region, rows = branch.region, branch.rows
         self._lattice, self._wanted = _lattice(region, scaling, cells)
+        probes = self._wanted & ~binary_erosion(self._wanted)  # where too sparse cases show first: the rim, some inside
+        probes[::8, ::8] |= self._wanted[::8, ::8]
         try:
-            approximation = approximation_of(cases, branch, scaling).covering(_probes(self._lattice, self._wanted))
+            approximation = approximation_of(cases, branch, scaling).covering(self._lattice[probes])
             self.approximation = approximation.covering(_within(self._lattice, region, scaling), LARGEST_WEIGHTS)
         except ValueError as error:
             raise DatabaseError(f"the {branch.name} cases cannot be approximated: {error}") from error
@@ -528,13 +525,6 @@ def _lattice(region: Region, scaling: PlaneScaling, cells: tuple[int, int]) -> t
     size = np.clip(size, region.size_ratio[0], region.size_ratio[-1])  # rounding must not push the outer rows out
     inside = region.contains(np.ascontiguousarray(ca), size).reshape(lattice.shape[:2])
     return lattice, binary_dilation(inside, np.ones((5, 5), dtype=bool))
-
-
-def _probes(lattice: Floats, wanted: Booleans) -> Floats:
-    """Return lattice points (n, 2) where too sparse cases show first: on the rim of the region, and some inside."""
-    probes = wanted & ~binary_erosion(wanted)
-    probes[::8, ::8] |= wanted[::8, ::8]
-    return lattice[probes]
 
 
 def _jump(rival: DiffuseApproximation, points: Floats, values: Floats) -> Floats:
