@@ -121,9 +121,8 @@ class Refinement:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything but the model, ready for JSON."""
-        total = {
-            name: sum(getattr(each, name) for each in self.rounds) for name in ("simulated", "not_reached", "reused")
-        }
+        names = ("simulated", "not_reached", "reused")
+        total = {name: sum(getattr(each, name) for each in self.rounds) for name in names}
         return {
             "states": total["simulated"] - total["not_reached"] + total["reused"],
             "refinement": self.model.membrane_database.settings["refinement"],
@@ -210,7 +209,7 @@ def refine_model(
     with threadpool_limits(limits=1):
         work = _Refining(first, continuation, infer, simulate, seed)
         work.reuse(kept_states(place, continuation))
-        for count in _shared_out(states):
+        for count in map(len, np.array_split(np.arange(states), min(states, _ROUNDS))):
             if work.result.small and work.result.agrees:
                 break
             work.add_new(count)
@@ -378,11 +377,6 @@ def _variance(values: Floats, log_weights: Floats) -> float:
     """Return the variance of weighted draws."""
     weights = normalised(log_weights)
     return float(weights @ (values - weights @ values) ** 2)
-
-
-def _shared_out(count: int) -> list[int]:
-    """Return the numbers of states of the rounds."""
-    return [len(part) for part in np.array_split(np.arange(count), _ROUNDS) if len(part)]
 
 
 def _folder_of_user(continuation: Continuation) -> Path:

@@ -181,8 +181,7 @@ class ShapeSource:
             plain = dict(zip(FREE_PARAMETERS, NULL_VALUES, strict=True))
             return cls(membrane_continuation(states.cross_section, refinement), plain | known, model.view, states)
         if not isinstance(inner, (Surrogate, EffectSurrogate)):
-            expected = "a model on a database of simulated shapes"
-            raise InputError("resimulate", "model", expected, inner.name)
+            raise InputError("resimulate", "model", "a model on a database of simulated shapes", inner.name)
         database = inner.effect_database if isinstance(inner, EffectSurrogate) else inner.database
         simulator = simulator_of(database.settings, tuple(inner.coordinates))
         _check_known(known, tuple(parameters_of(simulator)))

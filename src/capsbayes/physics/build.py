@@ -322,7 +322,11 @@ def sweep(runner: CaseRunner, capillary_numbers: list[float]) -> Sweep:
 def _first_converged(runner: CaseRunner, ordered: list[float]) -> CaseOutcome | None:
     nearest = [min(ordered, key=lambda ca: abs(np.log(ca / tried))) for tried in _FIRST_TRIED]
     candidates = dict.fromkeys([ordered[0], *nearest, *ordered])
-    return next((outcome for outcome in (runner.run(ca, "rest") for ca in candidates) if outcome.done), None)
+    return _first_done(runner.run(ca, "rest") for ca in candidates)
+
+
+def _first_done(outcomes: Iterable[CaseOutcome]) -> CaseOutcome | None:
+    return next((outcome for outcome in outcomes if outcome.done), None)
 
 
 def _upward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[float]) -> list[Border]:
@@ -334,13 +338,17 @@ def _upward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[floa
             continue
         if not outcome.done:
             limit = _limit(outcome, last)
-            beyond = None if _is_deep(last) else _beyond_branch(runner, ca)
+            # of a capsule whose branch has ended: the state it reaches from rest, or a parachute
+            tried: tuple[Start, ...] = () if _is_deep(last) else ("rest", "parachute")
+            beyond = _first_done(runner.run(ca, start) for start in tried)
             if beyond is None:
                 runner.final[ca] = outcome
                 _approach(runner, last, limit)
                 kind = LIMIT_OF_EXISTENCE if outcome.status is Status.NO_STEADY_STATE else LIMIT_OF_DATABASE
                 upper = Border(runner.size_ratio, limit, kind)
-                _skip_above(runner, last, outcome, capillary_numbers[position + 1 :])
+                holds_above = outcome.status in (Status.NO_STEADY_STATE, Status.UNRESOLVED)
+                for above in capillary_numbers[position + 1 :]:
+                    runner.skip(above, last, outcome.status if holds_above else Status.NOT_TRIED)
                 break
             if beyond.start == "parachute":
                 lost = [Border(runner.size_ratio, limit, LOST_FROM_REST)]
@@ -350,13 +358,6 @@ def _upward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[floa
         last = outcome
     end = upper or Border(runner.size_ratio, last.capillary_number, LIMIT_OF_DATABASE)
     return [*(lost or _snap_through(runner, _confirmed(runner, convex))), end]
-
-
-def _beyond_branch(runner: CaseRunner, capillary_number: float) -> CaseOutcome | None:
-    """Return the state of a capsule whose branch has ended: the one it reaches from rest, or a parachute."""
-    starts: tuple[Start, ...] = ("rest", "parachute")
-    outcomes = (runner.run(capillary_number, start) for start in starts)
-    return next((outcome for outcome in outcomes if outcome.done), None)
 
 
 def _confirmed(runner: CaseRunner, followed: list[CaseOutcome]) -> list[CaseOutcome]:
@@ -424,13 +425,6 @@ def _rounded(capillary_number: float) -> float:
     return float(f"{capillary_number:.4g}")
 
 
-def _skip_above(runner: CaseRunner, last: CaseOutcome, above: CaseOutcome, capillary_numbers: list[float]) -> None:
-    """Give the cases above a limit its status, if that holds for everything above."""
-    holds_above = above.status in (Status.NO_STEADY_STATE, Status.UNRESOLVED)
-    for ca in capillary_numbers:
-        runner.skip(ca, last, above.status if holds_above else Status.NOT_TRIED)
-
-
 def _downward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[float]) -> None:
     last, failures = first, 0
     for ca in capillary_numbers:
@@ -450,9 +444,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {"nodes": (0, 3), "profile": _OUTLINE, "si
 
 
 def gathered(
-    sweeps: Mapping[float, list[Sweep]],
-    settings: Mapping[str, Any],
-    attributes: Mapping[str, str | int | float],
+    sweeps: Mapping[float, list[Sweep]], settings: Mapping[str, Any], attributes: Mapping[str, str | int | float]
 ) -> Database:
     """Return one database of all sweeps by value of the effect; what a case lacks is NaN, or 0 for an integer."""
     # An effect database is compact: it serves for differences, and has ten times the cases.
@@ -482,7 +474,9 @@ def gathered(
 
 def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: float = 0.0) -> dict[str, Any]:
     """Return the attributes of a database made now by this version, with the simulator's settings at the null value."""
-    law, cross_section = settings["law"], _shown_cross_section(settings)
+    law, cross_section = settings["law"], str(settings["cross_section"])
+    if cross_section == "rectangular" and settings.get("section_aspect") == 1.0:
+        cross_section = "square"  # whatever symmetry it was computed with
     channel = f"a channel of {cross_section} cross-section"
     varied = "" if effect == NO_EFFECT else f", over {effect.replace('_', ' ')}"
     return {
@@ -498,12 +492,6 @@ def pedigree(settings: Mapping[str, Any], effect: str = NO_EFFECT, null_value: f
         "version": capsbayes.__version__,
         "created": _now(),
     }
-
-
-def _shown_cross_section(settings: Mapping[str, Any]) -> str:
-    """Return the cross-section; a rectangle of equal sides is a square, whatever symmetry it was computed with."""
-    name = str(settings["cross_section"])
-    return "square" if name == "rectangular" and settings.get("section_aspect") == 1.0 else name
 
 
 def _now() -> str:
@@ -591,7 +579,12 @@ def build_database(
         else:
             attributes = pedigree(simulator.settings, effect, _null_value(simulator, effect))
             stores = [Store.open(folder / f"{effect}-{value!r}", changed.settings) for value, changed in varied.items()]
-        tasks = [_sweep_tasks(*of_value, ordered) for of_value in zip(varied.values(), stores, strict=True)]
+        sizes = sorted({size for _, size in ordered})
+        by_size = {size: [ca for ca, other in ordered if other == size] for size in sizes}
+        tasks = [
+            [partial(_run_sweep, simulated, store, *of_size) for of_size in by_size.items()]
+            for simulated, store in zip(varied.values(), stores, strict=True)
+        ]
         sweeps = iter(_run_sweeps(list(chain(*tasks)), stores, ordered, scheduler, workers, progress=progress))
         by_value = {value: list(islice(sweeps, len(some))) for value, some in zip(varied, tasks, strict=True)}
         if compare is not None and effect is None:
@@ -612,12 +605,6 @@ def _checked_cases(cases: Iterable[Case]) -> list[Case]:
         if not (0.0 < size < np.inf and 0.0 < ca < np.inf):
             raise InputError("cases", "", "positive capillary numbers and size ratios", f"Ca = {ca}, a/l = {size}")
     return [(ca, size) for size, ca in ordered]
-
-
-def _sweep_tasks(simulator: SteadySimulator, store: Store, cases: list[Case]) -> list[Callable[[], Sweep]]:
-    """Return one task for each size ratio of sorted cases."""
-    sizes = sorted({size for _, size in cases})
-    return [partial(_run_sweep, simulator, store, size, [ca for ca, other in cases if other == size]) for size in sizes]
 
 
 def _run_sweeps(

@@ -62,11 +62,12 @@ class ArcPoint(NamedTuple):
 def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: float = 0.1) -> Iterator[ArcPoint]:
     """Trace the branch of a converged state, itself first, towards larger Ca if rising, until no further is found."""
     # The first length `step` is in units of log Ca, or of a sixtieth of a in the rms displacement.
-    sense = 1.0 if rising else -1.0
     scale = _scale(problem, start.iterate)
     ahead = np.zeros(len(scale))
-    ahead[-1] = sense
-    point = ArcPoint(start, _direction(problem, start.iterate, ahead, scale))
+    ahead[-1] = 1.0 if rising else -1.0
+    _, matrix = _extended(problem, start.iterate, ahead / scale**2)
+    along = scipy.linalg.solve(matrix, np.append(np.zeros(len(ahead) - 1), 1.0))
+    point = ArcPoint(start, _normalised(along, scale))
     yield point
     while step > _SHORTEST_STEP:
         corrected = _corrected(problem, point, step, scale)
@@ -134,12 +135,6 @@ def _extended(problem: Problem, iterate: Iterate, row: Floats) -> tuple[Floats, 
     matrix[:-1, :-1], matrix[:-1, -1] = linearised.matrix, linearised.along_ca * iterate.capillary_number
     matrix[-1] = row
     return linearised.residual, matrix
-
-
-def _direction(problem: Problem, iterate: Iterate, ahead: Floats, scale: Floats) -> Floats:
-    """Return the direction of the branch at a steady state, on the same side as `ahead`."""
-    _, matrix = _extended(problem, iterate, ahead / scale**2)
-    return _normalised(scipy.linalg.solve(matrix, np.append(np.zeros(len(ahead) - 1), 1.0)), scale)
 
 
 def _normalised(direction: Floats, scale: Floats) -> Floats:

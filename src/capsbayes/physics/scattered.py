@@ -27,6 +27,7 @@ from capsbayes.physics.membrane import GeneralLaw
 from capsbayes.physics.simulator import Simulator, SteadyState
 from capsbayes.physics.steady import Iterate, Problem, parameter_derivatives, steady_state
 from capsbayes.physics.surface import prolonged
+from capsbayes.prediction import NUMBERS
 from capsbayes.run import Store, digest_of, only_run, progress_bar, run_tasks
 
 if TYPE_CHECKING:
@@ -49,10 +50,6 @@ _TOO_FAR = 1.0  # [l] between a state and its prediction; derivatives of what is
 _ITERATIONS, _PATIENCE = 8, 4
 _SMOOTH = 13  # degree on the sphere up to which a stored shape is taken as it is
 _STEP = 1e-4  # of coordinates from 0 to 1, for the differences of outlines
-
-NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
-"""Numbers of a state: L_z and L_a [l], v_o/U and Lambda [-]."""
-
 
 TENSIONS = ("largest", "smallest")
 """Extremes of the principal tensions of a state [G_s]."""
@@ -287,8 +284,10 @@ def _lost_ones_again(
     if not known or not lost:
         return list(states)
     nearest = np.argmin(cdist(places[lost], np.array([state.place for state in known])), axis=1)
-    pairs = zip(nearest, places[lost], strict=True)
-    again = [partial(_tried_again, continuation, store, known[near], place) for near, place in pairs]
+    again = []
+    for near, place in zip([known[number] for number in nearest], places[lost], strict=True):
+        name = f"again-{digest_of(place, near.place)[:24]}"
+        again.append(partial(_from_near, continuation, store, name, near, place))
     reached = dict(zip(lost, run_tasks(again, scheduler, workers), strict=True))
     return [reached.get(number, state) for number, state in enumerate(states)]
 
@@ -306,12 +305,6 @@ def _grown(
         if state is not None:
             states.append(state)
     return found
-
-
-def _tried_again(
-    continuation: Continuation, store: Store, near: ScatteredState, place: Floats
-) -> ScatteredState | None:
-    return _from_near(continuation, store, f"again-{digest_of(place, near.place)[:24]}", near, place)
 
 
 def _from_near(
@@ -369,20 +362,16 @@ def scattered_dataset(
     slopes = np.array([[axis.slope(unit) for axis, unit in zip(continuation.axes, s.place, strict=True)] for s in some])
     seen = [_seen(continuation, state) for state in some]
     tensions = [continuation.extreme_tensions(state) for state in some]
+    numbers, numbers_along = (np.array([one["numbers"][part] for one in seen]) for part in (0, 1))
+    tension_along = np.array([_tension_along(continuation, state) for state in some])
     variables: dict[str, tuple[tuple[str, ...], Floats]] = {
         "values": (("state", "parameter"), continuation.values(np.array([state.place for state in some]))),
         "lost": (("lost_state", "parameter"), continuation.values(lost)),
         "slack": (("state",), np.array([state.slack for state in some])),
-        "numbers": (("state", "number"), np.array([one["numbers"][0] for one in seen])),
-        "numbers_along": (
-            ("state", "number", "parameter"),
-            np.array([one["numbers"][1] for one in seen]) / slopes[:, None],
-        ),
+        "numbers": (("state", "number"), numbers),
+        "numbers_along": (("state", "number", "parameter"), numbers_along / slopes[:, None]),
         "tension": (("state", "extreme"), np.array([tension.values for tension in tensions])),
-        "tension_along": (
-            ("state", "extreme", "parameter"),
-            np.array([_tension_along(continuation, state) for state in some]) / slopes[:, None],
-        ),
+        "tension_along": (("state", "extreme", "parameter"), tension_along / slopes[:, None]),
         "tension_place": (("state", "extreme", "axis"), np.array([tension.places for tension in tensions])),
     }
     for view in ("profile", "silhouette"):
@@ -390,19 +379,13 @@ def scattered_dataset(
         along = np.einsum("nqp,mq->nmp", np.array([one[view][1] for one in seen]), modes.modes) / slopes[:, None]
         variables |= {
             f"{view}_mean": (("point", "plane"), modes.mean.reshape(-1, 2)),
-            f"{view}_modes": (
-                (f"{view}_mode", "point", "plane"),
-                modes.modes.reshape(len(modes.modes), OUTLINE_POINTS, 2),
-            ),
+            f"{view}_modes": ((f"{view}_mode", "point", "plane"), modes.modes.reshape(-1, OUTLINE_POINTS, 2)),
             view: (("state", f"{view}_mode"), modes.coefficients),
             f"{view}_along": (("state", f"{view}_mode", "parameter"), along),
         }
     shapes = in_modes(np.array([state.unknowns[:-2] for state in some]))
-    variables |= {
-        "mesh_mean": (("coordinate",), shapes.mean),
-        "mesh_modes": (("mesh_mode", "coordinate"), shapes.modes),
-        "mesh": (("state", "mesh_mode"), shapes.coefficients),
-    }
+    variables |= {"mesh_mean": (("coordinate",), shapes.mean), "mesh": (("state", "mesh_mode"), shapes.coefficients)}
+    variables["mesh_modes"] = ("mesh_mode", "coordinate"), shapes.modes
     names = {"parameter": list(continuation.names), "number": list(NUMBERS), "plane": ["z", "y"]}
     names |= {"extreme": list(TENSIONS), "axis": ["x", "y", "z"]}
     return xr.Dataset(variables, names, {"settings": json.dumps(continuation.settings), "version": __version__})

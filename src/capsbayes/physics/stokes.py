@@ -538,11 +538,8 @@ class SingleLayer:
     def matrices(self, targets: Floats, *, target_nodes: Integers | None = None) -> LayerMatrices:
         """Compute the matrices from the density of the wedge to the velocity at `targets` (t, 3), with 1/(8 pi)."""
         on_nodes = np.full(len(targets), -1) if target_nodes is None else target_nodes
-        unknown = len(self.mesh.wedge)
-        placed = np.ascontiguousarray(targets)
-        return LayerMatrices(
-            *layer_matrices(placed, on_nodes, self._elements, self._tiles, unknown, self.density is not None)
-        )
+        of_shape = self._elements, self._tiles, len(self.mesh.wedge), self.density is not None
+        return LayerMatrices(*layer_matrices(np.ascontiguousarray(targets), on_nodes, *of_shape))
 
     def pressure(self, targets: Floats) -> Floats:
         """Compute the pressure (t,) of the layer at points away from the membrane, over mu U/l."""

@@ -164,18 +164,18 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     with threadpool_limits(limits=1):
         engine = exact_engine(forward, posterior.experiment, posterior.prior)
         grid = engine(seen, inputs=inputs)
-        shares = {
-            name: _with_joint(grid, name, of) for name, of in variance_shares(engine, seen, grid, *QUANTITIES).items()
-        }
+        alone = variance_shares(engine, seen, grid, *QUANTITIES)
+        shares = {name: _with_joint(grid, name, of) for name, of in alone.items()}
         settings = settings_of(seen, inputs)
         log_slopes_of = {name: log_slopes(engine, seen, grid, name, given) for name, given in settings.items()}
         centre = {name: grid.marginal(name).median for name in QUANTITIES}
         sd = {name: grid.log_marginal(name).sd for name in QUANTITIES}
-    names = _ordered(shares[QUANTITIES[0]])
+    every = shares[QUANTITIES[0]]
+    first, last = ([name for name in names if name in every] for names in (_ORDER, (TOGETHER, REST)))
+    names = [*first, *(name for name in every if name not in (*first, *last)), *last]
     rows = tuple(_row(name, settings.get(name), shares, log_slopes_of.get(name, {}), centre) for name in names)
-    return ErrorBudget(
-        rows, centre, sd, _notes(posterior), posterior.model_name, posterior.model_sha256, posterior.status
-    )
+    made = posterior.model_name, posterior.model_sha256, posterior.status
+    return ErrorBudget(rows, centre, sd, _notes(posterior), *made)
 
 
 def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]) -> dict[str, float]:
@@ -199,16 +199,9 @@ def _row(
     return BudgetRow(name, setting, share, {q: float(s) for q, s in log_slope.items()}, slope)
 
 
-def _ordered(names: Mapping[str, float]) -> list[str]:
-    known = [name for name in _ORDER if name in names]
-    last = [name for name in (TOGETHER, REST) if name in names]
-    return [*known, *(name for name in names if name not in (*known, *last)), *last]
-
-
 def _notes(posterior: Posterior) -> tuple[str, ...]:
     """Return sentences on the limits of the budget of such a measurement."""
-    seen: Measurement = posterior.measurement
-    notes = []
+    seen, notes = posterior.measurement, []
     if seen.outline is not None:
         alone = seen.length_with_outline is None
         notes.append(

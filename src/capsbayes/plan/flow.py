@@ -186,20 +186,16 @@ def flow_design(
     centre, limit = expectation.centre, expected_range(model, expectation)
     check_model(model, experiment)
     expected_modulus = float(centre.surface_shear_modulus[0])
-    predictor = WidthPredictor(
-        model, experiment, errors, prior=prior, surface_shear_modulus=expected_modulus, noises=noises
-    )
+    how: dict[str, Any] = {"prior": prior, "surface_shear_modulus": expected_modulus, "noises": noises}
+    predictor = WidthPredictor(model, experiment, errors, **how)
     capsules = expectation.drawn(np.random.default_rng(seed), _CAPSULES)
     with threadpool_limits(limits=1):
         table = WidthTable.of(predictor, capsules.size_ratio, progress)
     per_ca = float(
         imposed_velocity(viscosity=centre.viscosity[0], capillary_number=1.0, surface_shear_modulus=expected_modulus)
     )
-    velocities = per_ca * limit.inner(_VELOCITIES)
-    expected = [
-        _expected(velocity, table, capsules, centre, model, margin, experiment.cross_section) for velocity in velocities
-    ]
-    points, status = _judged(expected, risk)
+    lab = table, capsules, centre, model, margin, experiment.cross_section
+    points, status = _judged([_expected(speed, *lab) for speed in per_ca * limit.inner(_VELOCITIES)], risk)
     allowed = [point for point in points if point.allowed]
     return FlowDesign(
         points=points,
@@ -284,12 +280,11 @@ class WidthTable:
         model = predictor.model
         columns = _columns(model, sizes)
         ca = np.stack([range_at(model, float(size)).inner(_POINTS) for size in columns])
-        places = [(row, column) for row in range(len(columns)) for column in range(_POINTS)]
+        places = list(np.ndindex(ca.shape))
         shown = places if progress is None else progress(places, len(places), "expected widths")
-        widths = [predictor.at(float(ca[row, column]), float(columns[row])) for row, column in shown]
-        values = {
-            name: np.array([getattr(width, name) for width in widths]).reshape(ca.shape) for name in Width.names()
-        }
+        widths = [predictor.at(float(ca[place]), float(columns[place[0]])) for place in shown]
+        found = {name: np.array([getattr(width, name) for width in widths]) for name in Width.names()}
+        values = {name: each.reshape(ca.shape) for name, each in found.items()}
         sizes = columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS)
         return cls(columns, np.log(ca), values, ModelEnds.of(model, sizes))
 
@@ -298,11 +293,8 @@ class WidthTable:
         weights = [np.interp(size, self.columns, of_column) for of_column in np.eye(len(self.columns))]
         widths = {}
         for name, values in self.values.items():
-            known = np.isfinite(values)
-            by_column = [
-                np.interp(np.log(ca), places[fine], along[fine])
-                for places, along, fine in zip(self.log_ca, values, known, strict=True)
-            ]
+            columns = zip(self.log_ca, values, np.isfinite(values), strict=True)
+            by_column = [np.interp(np.log(ca), places[fine], along[fine]) for places, along, fine in columns]
             widths[name] = np.einsum("kn,kn->n", weights, by_column)
         return widths
 

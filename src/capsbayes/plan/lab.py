@@ -113,11 +113,7 @@ class LabErrors:
         return np.array([[self.axial_extent**2, cross], [cross, self.axial_length**2]])
 
     def measured(
-        self,
-        lengths: Floats,
-        capsule_velocity: float,
-        outline: Floats | None = None,
-        flow_rate: float | None = None,
+        self, lengths: Floats, capsule_velocity: float, outline: Floats | None = None, flow_rate: float | None = None
     ) -> Measurement:
         """Return a measurement of lengths L_z and L_a (2,) [l or m], and of an outline (m, 2) [l] if it is given."""
         # L_a is limited to L_z where noise makes it longer; a flow rate without a stated error is ignored.

@@ -325,7 +325,9 @@ def membrane_flow_design(
         if len(tried):
             lab = expectation, tried, errors, experiment, model, unknowns, scores
             batch = PlannedBatch.of(*lab, same_capsule=same_capsule, scale_error=scale_error)
-            numbers = [tuple(range(len(tried)))] if velocities else _sets(len(tried), flows)
+            numbers = [tuple(range(len(tried)))]
+            if not velocities:
+                numbers = [some for size in range(1, flows + 1) for some in combinations(range(len(tried)), size)]
             shown = numbers if progress is None else progress(numbers, len(numbers), "sets of flow rates")
             sets, for_law = best_sets(batch, {filmed: batch.expected_from(filmed, count) for filmed in shown})
     return MembraneFlowDesign(
@@ -421,11 +423,6 @@ def _risks(
     return risks, float(np.mean(~inside))
 
 
-def _sets(count: int, flows: int) -> list[tuple[int, ...]]:
-    """Return all sets of one to `flows` numbers below a count."""
-    return [numbers for size in range(1, flows + 1) for numbers in combinations(range(count), size)]
-
-
 def best_sets(
     batch: PlannedBatch, expected: Mapping[tuple[int, ...], ExpectedMembrane]
 ) -> tuple[tuple[PlannedFlows, ...], PlannedFlows | None]:
@@ -488,17 +485,15 @@ def membrane_map(
         KNOWN: WidthPredictor(fixed, of_expected, errors, surface_shear_modulus=_USUAL),
     }
     kinds = ("lengths", "outline") if errors.outline is not None else ("lengths",)
+    names = {f"{known}_{kind}": (known, kind) for kind in kinds for known in predictors}
     words = {
-        f"{known}_{kind}": f"standard deviation of ln G_s by {MEASURED[kind]}, membrane {known}"
-        for kind in kinds
-        for known in predictors
+        name: f"standard deviation of ln G_s by {MEASURED[kind]}, membrane {known}"
+        for name, (known, kind) in names.items()
     }
 
     def sds(*place: float) -> dict[str, float]:
         seen = {kind: predictors[KNOWN].without_noise(*place, outline=kind == "outline") for kind in kinds}
-        return {
-            f"{known}_{kind}": predictors[known].log_modulus_sd(seen[kind]) for kind in kinds for known in predictors
-        }
+        return {name: predictors[known].log_modulus_sd(seen[kind]) for name, (known, kind) in names.items()}
 
     attributes = lab_attributes(model, experiment, errors) | {"membrane": json.dumps(expected)}
     return over_plane(fixed, ca, size, words, sds, attributes, progress=progress)

@@ -70,9 +70,8 @@ class SobolStudy(Readable):
         """Return the indices of one answer, a row for each input."""
         import pandas as pd
 
-        return pd.DataFrame.from_dict(
-            {name: asdict(index) for name, index in self.indices[answer].items()}, orient="index"
-        )
+        rows = {name: asdict(index) for name, index in self.indices[answer].items()}
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     def as_dict(self) -> dict[str, Any]:
         """Return all fields, ready for JSON."""
@@ -154,7 +153,11 @@ def sobol_indices(
     ----------
     Saltelli et al., Computer Physics Communications 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018.
     """
-    _check(measurement, samples)
+    if measurement.axial_length is None:
+        expected = "both lengths, as the paper's procedure needs"
+        raise InputError(measurement.source or "measurement", "axial_length", expected, "L_z alone")
+    if samples < 8 or samples & (samples - 1):
+        raise InputError("sobol", "samples", "a power of two, at least 8", str(samples))
     model.check_experiment(experiment)
     inputs = Inputs.of(measurement, experiment)
     varied = _ranges(measurement, inputs, ranges or {})
@@ -178,14 +181,6 @@ def sobol_indices(
         model_sha256=model.sha256,
         status=Status.DONE if outside.mean() <= _MOST_OUTSIDE else Status.RANGES_LEAVE_DATABASE,
     )
-
-
-def _check(measurement: Measurement, samples: int) -> None:
-    where = measurement.source or "measurement"
-    if measurement.axial_length is None:
-        raise InputError(where, "axial_length", "both lengths, as the paper's procedure needs", "L_z alone")
-    if samples < 8 or samples & (samples - 1):
-        raise InputError("sobol", "samples", "a power of two, at least 8", str(samples))
 
 
 def varied_range(given: Given, name: str, *, where: str = "ranges") -> Quantity:
