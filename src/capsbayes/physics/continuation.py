@@ -59,9 +59,9 @@ class ArcPoint(NamedTuple):
         return bool(self.direction[-1] > 0.0)
 
 
-def traced(problem: Problem, start: NewtonResult, *, rising: bool = True, step: float = 0.1) -> Iterator[ArcPoint]:
+def traced(problem: Problem, start: NewtonResult, *, rising: bool = True) -> Iterator[ArcPoint]:
     """Trace the branch of a converged state, itself first, towards larger Ca if rising, until no further is found."""
-    # The first length `step` is in units of log Ca, or of a sixtieth of a in the rms displacement.
+    step = 0.1  # in units of log Ca, or of a sixtieth of a in the rms displacement
     scale = _scale(problem, start.iterate)
     ahead = np.zeros(len(scale))
     ahead[-1] = 1.0 if rising else -1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -325,7 +325,6 @@ def steady_state(
     max_iterations: int = 14,
     patience: int | None = None,
     offset: Floats | None = None,
-    report: Callable[[int, float, Iterate], None] | None = None,
 ) -> NewtonResult:
     """Find a steady state by Newton's iteration from `start`, at its Ca and a/l, with steps of at most 0.15 a."""
     # Derivatives cost three times as much as the error, so they are kept while a step brings it down to a tenth. Given
@@ -344,8 +343,6 @@ def steady_state(
         if offset is not None:
             residual = residual - offset
         size = float(np.max(np.abs(residual)))
-        if report is not None:
-            report(iteration, size, iterate)
         smallest = min(size, smallest)
         if not size <= _DIVERGED * smallest:
             break
