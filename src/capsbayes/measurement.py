@@ -104,34 +104,19 @@ class OutlineNoise:
 class Pose:
     """Standard deviations of the position, the tilt and the offset of an outline, its rear, and the camera's geometry.
 
-    Parameters
-    ----------
-    along, across : float
-        Shift along and across the flow, over l.
-    tilt : float
-        Of the flow direction on the picture [rad].
-    offset : float
-        Of all edges along their normals, over l: a halo or a threshold puts them too far out.
-    rear : float
-        Of the rear as it is seen, along the flow, over l: in a picture whose edge is wider there than at the nose.
-    pixel_aspect, distortion, taper : float
-        Of the numbers of a `Camera`, which is taken to be without faults otherwise.
-    middle : float
-        Not a deviation: where the middle of the capsule is along the flow, from the middle of the picture, over l.
-    walls : float
-        Nor this: mean square distance from there of the walls at which l was read, over l^2.
+    Those of a `Camera` are of its numbers; it is taken to be without faults otherwise. The last two are no deviations.
     """
 
-    along: float = 1.0
-    across: float = 1.0
-    tilt: float = 0.05
-    offset: float = 0.0
-    rear: float = 0.0
+    along: float = 1.0  # shift along the flow, over l
+    across: float = 1.0  # and across it
+    tilt: float = 0.05  # of the flow direction on the picture [rad]
+    offset: float = 0.0  # of all edges along their normals, over l: a halo or a threshold puts them too far out
+    rear: float = 0.0  # as it is seen, along the flow, over l: where the edge in a picture is wider than at the nose
     pixel_aspect: float = 0.0
     distortion: float = 0.0
     taper: float = 0.0
-    middle: float = 0.0
-    walls: float = 1.0
+    middle: float = 0.0  # where that of the capsule is along the flow, from the middle of the picture, over l
+    walls: float = 1.0  # mean square distance from there of the walls at which l was read, over l^2
 
     def directions(self, points: Floats, normal: Floats) -> Floats:
         """Return the change of the normal distances by a standard deviation of each but `rear` : (m, 4 to 7) array."""

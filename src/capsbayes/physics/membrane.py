@@ -127,9 +127,8 @@ class MembraneLaw(abc.ABC):
 class NeoHookean(MembraneLaw):
     """Neo-Hookean membrane, W = (I1 - 1 + 1/(I2 + 1)) / 2.
 
-    The sheet keeps its volume: it thins where its area grows. It softens at
-    large strain and has no parameter other than G_s; K_s = 3 G_s. Codes that use
-    the Young modulus E_s = 3 G_s have capillary numbers three times smaller.
+    The sheet keeps its volume: it thins where its area grows. It softens at large strain and has no parameter other
+    than G_s; K_s = 3 G_s. Codes that use the Young modulus E_s = 3 G_s have capillary numbers three times smaller.
 
     Examples
     --------

@@ -353,29 +353,9 @@ def _add_fine(
 def layer_matrices(
     targets: Floats, target_nodes: Integers, elements: Elements, tiles: Tiles, unknown: int, with_slope: bool
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute the matrices of the single layer on a symmetric P2 surface, seen from `targets`.
+    """Compute the `LayerMatrices` of a symmetric P2 surface with w unknown nodes, seen from `targets` (t, 3).
 
-    Parameters
-    ----------
-    targets : (t, 3) array
-    target_nodes : (t,) int array
-        The surface node each target is, or -1.
-    elements : Elements
-    tiles : Tiles
-    unknown : int
-        Number of unknown nodes.
-    with_slope : bool
-        True to compute derivatives.
-
-    Returns
-    -------
-    velocity : (3 t, 3 unknown) array
-        Velocity at the targets from the density at unknown nodes.
-    source_slope : (3 t, 3 unknown) array
-        Derivative of the integrand of the velocity with respect to the target, weighted by the shape functions of the
-        sources: a displacement of the unknown nodes changes the velocity by minus this.
-    target_slope : (t, 3, 3) array
-        Derivative of the velocity with respect to the position of those targets that are nodes.
+    `target_nodes` (t,) are the surface nodes that these are, or -1.
     """
     count, group, size = targets.shape[0], elements.turns.shape[0], elements.nodes.shape[0]
     velocity = np.zeros((3 * count, 3 * unknown))
@@ -424,11 +404,13 @@ def layer_matrices(
 
 
 class LayerMatrices(NamedTuple):
-    """Velocity and its derivatives from the density of the wedge (see `layer_matrices`)."""
+    """Velocity at t targets and its derivatives, from the density at the w nodes of the wedge."""
 
-    velocity: Floats
+    velocity: Floats  # (3 t, 3 w)
+    # (3 t, 3 w): derivative of the integrand of the velocity along the target, weighted by the shape functions of the
+    # sources: a displacement of the nodes of the wedge changes the velocity by minus this
     source_slope: Floats
-    target_slope: Floats
+    target_slope: Floats  # (t, 3, 3): derivative of the velocity along the position of those targets that are nodes
 
 
 @dataclass(frozen=True)

@@ -174,18 +174,10 @@ def moving_borders(knots: Floats, slices: list[Borders], null: int, base: Border
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def place(ca, size, distance, columns, cubics, out):  # type: ignore[no-untyped-def]
-    """Return branch (0 or 1, -1 if none), column and position of one point between the borders of one interval.
+    """Return branch (0 or 1, -1 if none) and column of one point, a distance from the lower knot of an interval.
 
-    Parameters
-    ----------
-    ca, size, distance : float
-        The point, and the distance of the effect from the lower knot of the interval.
-    columns : (c,) array
-    cubics : (4, 3, c) array
-        Borders in this interval.
-    out : (4,) array
-        Filled with the position within the range of Ca of the branch, from 0 to 1, that between the columns, and both
-        ends of the range.
+    Of the borders `cubics` (4, 3, c) there. Filled into `out` (4,) are the position within the range of Ca of the
+    branch, from 0 to 1, that between the columns, and both ends of the range.
     """
     if not (columns[0] <= size <= columns[-1]):
         return -1, 0
