@@ -106,12 +106,11 @@ def _words(kinds: tuple[Any, ...], value: object) -> tuple[str, str, str]:
     readable = [kind.__name__ for kind in _classes(kinds) if hasattr(kind, "read")]
     named = bool(readable) and isinstance(value, (str, Path)) and bool(Path(value).suffix)
     advice = f"read the file first: {readable[0]}.read({str(value)!r})" if named else ""
-    short = isinstance(value, (str, Path, numbers.Number)) or value is None
-    return " or ".join(names), repr(value)[:60] if short else _got(value), advice
-
-
-def _got(value: object) -> str:
-    return f"the class {value.__name__}" if isinstance(value, type) else _with_article(type(value))
+    if isinstance(value, (str, Path, numbers.Number)) or value is None:
+        got = repr(value)[:60]
+    else:
+        got = f"the class {value.__name__}" if isinstance(value, type) else _with_article(type(value))
+    return " or ".join(names), got, advice
 
 
 def _with_article(kind: type) -> str:

@@ -242,9 +242,9 @@ def membrane(
         "workers": workers,
     }
     with resumable(out):
-        refined = (
-            None if refine is None else cb.refine_model(*batch, states=refine, progress=not wants_json.get(), **how)
-        )
+        refined = None
+        if refine is not None:
+            refined = cb.refine_model(*batch, states=refine, progress=not wants_json.get(), **how)
         with progress_bar(None, "membrane") as update:
             how |= {"laws": laws, "progress": lambda step, done, steps: update(done, step, steps)}
             shared = cb.identify_membrane(*batch, model=refined.model if refined else None, **how)

@@ -101,16 +101,11 @@ def measure(
     for option, value in stated.given().items():
         if option not in _TAKES[kind]:
             raise InputError("measure", option, f"one of {', '.join(_TAKES[kind])} for a {kind}", str(value))
-    measure_kind: Any = {
-        "film": _measure_film,
-        ".rtdc file": _measure_rtdc,
-        "contour": _measure_contour,
-        "picture": partial(measured_picture, record=True),
-        "target": _measure_target,
-    }[kind]
+    kinds: dict[str, Any] = {"film": _measure_film, ".rtdc file": _measure_rtdc, "contour": _measure_contour}
+    kinds |= {"picture": partial(measured_picture, record=True), "target": _measure_target}
     known = cb.Experiment.read(experiment)
     with resumable(out):
-        measure_kind(picture, known, stated, out)
+        kinds[kind](picture, known, stated, out)
 
 
 def _kind(path: Path) -> str:
@@ -260,21 +255,13 @@ def _measure_contour(path: Path, experiment: cb.Experiment, stated: StatedOption
     contour = ContourFile.read(path, stated.contour_unit)
     if stated.flow is None:
         raise InputError("measure", "--flow", "right or left", "nothing", "a contour does not say")
-    edge = None
+    how: dict[str, Any] = {name: speeds.get(name) for name in ("capsule_velocity", "flow_rate")}
     if stated.edge_error is not None:
-        key = "--edge-error"
-        edge = cb.Quantity.read(stated.edge_error, where="measure", key=key, units=("m",), example="0.10 um")
-    names = () if by_hand is None else ("walls", "wall_error", "pixel_size")
-    measured = measure_contour(
-        contour,
-        experiment,
-        capsule_velocity=speeds.get("capsule_velocity"),
-        flow_rate=speeds.get("flow_rate"),
-        edge_error=edge,
-        flow=stated.flow,
-        points=stated.contour_points,
-        **{name: getattr(by_hand, name) for name in names},
-    )
+        text, key = stated.edge_error, "--edge-error"
+        how["edge_error"] = cb.Quantity.read(text, where="measure", key=key, units=("m",), example="0.10 um")
+    if by_hand is not None:
+        how |= {name: getattr(by_hand, name) for name in ("walls", "wall_error", "pixel_size")}
+    measured = measure_contour(contour, experiment, flow=stated.flow, points=stated.contour_points, **how)
     if out is not None:
         measured.write(out / "measurement.toml")
     length = "The contour has no concave rear: L_a is at most its length."
@@ -384,9 +371,8 @@ def _measure_rtdc(path: Path, experiment: cb.Experiment, stated: StatedOptions, 
         for event in measure_rtdc(file, experiment, events=events, **how):
             rows.append(event.row())
             if out is not None:
-                write_detection(
-                    out / f"event-{event.number}", event.picture, event.detection, event.measurement, experiment
-                )
+                seen = event.picture, event.detection, event.measurement
+                write_detection(out / f"event-{event.number}", *seen, experiment)
         return rows
 
     rows: list[dict[str, object]] = []

@@ -130,9 +130,8 @@ def identify(
             model = refined.model
         posterior = cb.identify(measurement, model, known, seed=seed, **how)
         if resimulate is not None and out is not None:
-            posterior = cb.resimulate(
-                posterior, model, resimulate, folder=out / "shapes", membrane=sheet, effort=effort
-            )
+            how = {"folder": out / "shapes", "membrane": sheet, "effort": effort}
+            posterior = cb.resimulate(posterior, model, resimulate, **how)
         if refined:
             posterior = refined.noted_in(posterior)
         if not model.coordinates:

@@ -159,8 +159,7 @@ class PictureOptions(Options):
 
         Of one capsule, one of both is needed unless the experiment states mu U.
         """
-        typed = self.given()
-        given = {option: typed[option] for option in _SPEEDS if option in typed}
+        given = {option: text for option, text in self.given().items() if option in _SPEEDS}
         tension = experiment is not None and experiment.viscous_tension is not None
         if not (given or several or tension):
             raise InputError("--velocity", "", f'a text like "{_SPEEDS["--velocity"][2]}", or --flow-rate', "nothing")
@@ -228,9 +227,8 @@ class LabOptions(Options):
         if self.experiment is None or self.extent_error is None or self.velocity_error is None:
             expected = "--like CAPSULE, or --experiment with --extent-error and --velocity-error"
             raise InputError("sensitivity", "errors", expected, ", ".join(self.given()) or "none of them")
-        errors = cb.LabErrors(
-            self.extent_error, self.velocity_error, self.length_error, outline=self._noise(), flow_rate=self.rate_error
-        )
+        known = self.extent_error, self.velocity_error, self.length_error
+        errors = cb.LabErrors(*known, outline=self._noise(), flow_rate=self.rate_error)
         return errors, cb.Experiment.read(self.experiment), None
 
     def _noise(self) -> cb.OutlineNoise | None:

@@ -80,13 +80,8 @@ class PlannedBatchOptions(UnknownMembraneOptions):
             if not speed.known:
                 raise InputError(key, "", 'a number without an error, as "2 mm/s"', str(speed))
             velocities.append(speed.value)
-        return super().expected(sheet) | {
-            "capsules": self.capsules or _CAPSULES,
-            "same_capsule": self.same_capsule,
-            "flows": self.flows or _FLOWS,
-            "scale_error": self.scale_error,
-            "velocities": velocities,
-        }
+        batch = {"capsules": self.capsules or _CAPSULES, "flows": self.flows or _FLOWS, "velocities": velocities}
+        return super().expected(sheet) | batch | {"same_capsule": self.same_capsule, "scale_error": self.scale_error}
 
 
 @command
@@ -165,10 +160,8 @@ def sobol(
         with waiting("Answering the samples ..."):
             study = cb.sobol_indices(measurement, model, known, seed=seed, ranges=stated, samples=samples)
         result = study.as_dict()
-        files: dict[str, Writer] = {
-            "sobol.json": json_file(result),
-            "sobol.png": figure_file(lambda: sobol_figure(study)),
-        }
+        figure = figure_file(lambda: sobol_figure(study))
+        files: dict[str, Writer] = {"sobol.json": json_file(result), "sobol.png": figure}
         parts = [*_sobol_lines(study), model_words(**result["model"], seed=seed)]
         conclude(result, [sobol_table(study), *parts], files, out=out, status=study.status)
 

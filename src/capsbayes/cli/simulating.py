@@ -187,10 +187,8 @@ def transient(
 
 def _chosen(snapshots: list[Snapshot]) -> list[Snapshot]:
     """Return the start, the snapshots nearest to a twelfth and a quarter of the time, and the end."""
-    end = snapshots[-1].time
-    chosen = [
-        min(snapshots, key=lambda snapshot: abs(snapshot.time - share * end)) for share in (0.0, 1 / 12, 0.25, 1.0)
-    ]
+    times = [share * snapshots[-1].time for share in (0.0, 1 / 12, 0.25, 1.0)]
+    chosen = [min(snapshots, key=lambda snapshot: abs(snapshot.time - time)) for time in times]
     return list(dict.fromkeys(chosen))
 
 

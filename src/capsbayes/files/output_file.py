@@ -175,7 +175,8 @@ def _commit(files: Mapping[Path, Callable[[Path], object]]) -> None:
     try:
         for path, write in files.items():
             with refusing(path, "a file that can be written"):
-                made += _made_folders(path.parent)
+                made += [place for place in (path.parent, *path.parent.parents) if not place.exists()][::-1]
+                path.parent.mkdir(parents=True, exist_ok=True)
                 check_replaceable(path)
                 partial[path] = path.with_name(f".{path.name[:100]}.{os.getpid()}.tmp")
                 write(partial[path])
@@ -191,13 +192,6 @@ def _commit(files: Mapping[Path, Callable[[Path], object]]) -> None:
         for folder in reversed(made):
             with contextlib.suppress(OSError):
                 folder.rmdir()
-
-
-def _made_folders(folder: Path) -> list[Path]:
-    """Make a folder with its parents, and return those that were missing."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    return missing[::-1]
 
 
 def _recorded(folder: Path) -> set[str]:

@@ -343,9 +343,8 @@ def shapes_figure(database: Database) -> Figure:
     """Draw profiles in the plane x = 0 between the walls, lengths over l; those of all values of an effect together."""
     ca, sizes = table_of_cases(database)
     values = database.values
-    inks: list[Any] = [INK]
-    if len(values) > 1:
-        inks = list(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(values))))
+    several = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(values)))
+    inks: list[Any] = list(several) if len(values) > 1 else [INK]
     along = database["profile"][..., 0]
     ends = float(np.nanmin(along)) - 0.1, float(np.nanmax(along)) + 0.1
     figure = style.new_figure(9.6, 1.0 + 9.0 * len(sizes) / len(ca) * 2.3 / (ends[1] - ends[0]))

@@ -79,9 +79,8 @@ def _svg(figure: Figure) -> str:
 def image(content: bytes, kind: str, alternative: str, caption: str = "", points: float = 0.0) -> Markup:
     """Return the bytes of a picture of a kind, as ``"png"``, as an image within the page; `points` are its width."""
     data = base64.b64encode(content).decode()
-    return _figure(
-        Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data), caption, points
-    )
+    shown = Markup('<img alt="{}" src="data:image/{};base64,{}">').format(alternative, kind, data)
+    return _figure(shown, caption, points)
 
 
 def _figure(shown: Markup, caption: str, points: float) -> Markup:
@@ -93,10 +92,8 @@ def _figure(shown: Markup, caption: str, points: float) -> Markup:
 
 @functools.cache
 def _templates() -> Environment:
-    loader = PackageLoader("capsbayes.report")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    how: dict[str, Any] = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(loader=PackageLoader("capsbayes.report"), **how)
     environment.globals |= {"message": MESSAGE, "software": SOFTWARE, "article": ARTICLE, "doi": DOI}
     environment.globals |= {"version": capsbayes.__version__, "counted": counted}
     environment.filters |= {"table": html_table, "typeset": typeset, "picture": picture, "drawing": drawing}

@@ -112,11 +112,10 @@ def caveats(stored: Mapping[str, Any]) -> list[str]:
         for gate in stored["gates"]
         if not gate["passed"]
     ]
-    leaning = per_cent(stored["share_leaning_on_border"])
-    if stored["share_leaning_on_border"] > _MANY_LEANING:
-        sentences.append(
-            f"{leaning} of the capsules lean on the border of the model: the population may extend beyond it."
-        )
+    leaning = stored["share_leaning_on_border"]
+    if leaning > _MANY_LEANING:
+        words = "of the capsules lean on the border of the model: the population may extend beyond it."
+        sentences.append(f"{per_cent(leaning)} {words}")
     return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
 
 
@@ -215,11 +214,9 @@ def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
 def origin_table(population: Population, source: str) -> pd.DataFrame:
     """Return file and attributes; the population itself has a table of its own."""
     attributes = {name: value for name, value in population.attributes.items() if name != "hierarchy"}
-    lines = [("file", source)] if source else []
-    lines += flat(attributes)
-    return table(
-        ("", ""), [(name, value if " " in value or len(value) <= _HASH else Code(value)) for name, value in lines]
-    )
+    lines = [*([("file", source)] if source else []), *flat(attributes)]
+    rows = [(name, value if " " in value or len(value) <= _HASH else Code(value)) for name, value in lines]
+    return table(("", ""), rows)
 
 
 def _median(name: str, median: float, low: float, high: float) -> Number:

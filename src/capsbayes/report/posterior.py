@@ -360,10 +360,8 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
 def tension_table(tension: MembraneTension) -> pd.DataFrame:
     """Return what the membrane bears."""
     found = {name: marginal for name, marginal in vars(tension).items() if marginal is not None}
-    rows = [
-        (Symbols(PARAMETERS[name].label), Symbols(PARAMETERS[name].meaning), *marginal_cells(name, marginal))
-        for name, marginal in found.items()
-    ]
+    known = {name: PARAMETERS[name] for name in found}
+    rows = [(Symbols(it.label), Symbols(it.meaning), *marginal_cells(name, found[name])) for name, it in known.items()]
     return table(("", "", "median", "68 % interval", "95 % interval"), rows, title="Membrane", numbers=(2, 3, 4))
 
 
@@ -402,8 +400,7 @@ def posterior_parts(posterior: Posterior) -> Iterator[str | pd.DataFrame]:
         yield narrowing_table(posterior)
     yield input_table(posterior)
     yield prior_table(posterior)
-    if update := update_words(posterior):
-        yield update
+    yield update_words(posterior)
     if (differences := resimulation_table(posterior)) is not None:
         yield differences
     yield resimulation_words(posterior)

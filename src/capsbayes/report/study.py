@@ -8,16 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pandas as pd
 
-from capsbayes.diagnosis import (
-    NOTHING,
-    UNKNOWN,
-    Deviation,
-    Finding,
-    Scores,
-    Study,
-    Verdict,
-    Verification,
-)
+from capsbayes.diagnosis import NOTHING, UNKNOWN, Deviation, Finding, Scores, Study, Verdict, Verification
 from capsbayes.diagnosis.finding import TRENDS
 from capsbayes.effects import Simulated
 from capsbayes.parameters import PARAMETERS

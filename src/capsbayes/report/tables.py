@@ -213,10 +213,8 @@ def _cell(text: str, bar: Markup, number: bool) -> Markup:
 
 
 def _heading(text: str, number: bool, sortable: bool) -> Markup:
-    kind = Markup(' class="number"') if number else ""
-    if not sortable:
-        return Markup("<th{}>{}</th>").format(kind, _html(text))
-    return Markup('<th scope="col"{}><button type="button">{}</button></th>').format(kind, _html(text))
+    form = '<th scope="col"{}><button type="button">{}</button></th>' if sortable else "<th{}>{}</th>"
+    return Markup(form).format(Markup(' class="number"') if number else "", _html(text))
 
 
 def _bar(share: float) -> Markup:
