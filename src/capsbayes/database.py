@@ -230,7 +230,7 @@ class Database(StoredStates):
             encoding[name] = {"_FillValue": None} if variable.kind == "f" else {}
             if len(variable.dims) > 1 and self.dataset[name].size:
                 encoding[name] |= {"zlib": True, "complevel": 9, "shuffle": True}
-                if _is_single(self[name]):
+                if np.array_equal(self[name].astype(np.float32), self[name], equal_nan=True):  # nothing is lost
                     encoding[name]["dtype"] = "f4"
         write_dataset(path, self.dataset.assign_attrs(sha256=content_hash(self.dataset)), encoding)
 
@@ -364,11 +364,6 @@ def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
     texts = {"settings": str(attributes.get("settings", "")).replace('"section":', '"cross_section":')}
     known = {"cross_section" if name == "section" else name: value for name, value in attributes.items()}
     return known | {name: text for name, text in texts.items() if name in known}
-
-
-def _is_single(values: NDArray[Any]) -> bool:
-    """Return whether single precision holds every value exactly."""
-    return np.array_equal(values.astype(np.float32), values, equal_nan=True)
 
 
 def content_hash(dataset: xr.Dataset) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,15 +26,10 @@ _STEPS = 30  # of the inversion of a distortion, each of which divides the error
 _LARGEST = 0.1  # deviation with its standard error, beyond which expansions to first order are too rough
 
 
-class _Stated(NamedTuple):
-    example: str
-    ideal: float
-
-
-_NUMBERS = {
-    "pixel_aspect": _Stated("1.020 +/- 0.005", 1.0),
-    "distortion": _Stated("-0.010 +/- 0.002", 0.0),
-    "taper": _Stated("0.000 +/- 0.002", 0.0),
+_NUMBERS = {  # of a camera: an example, and the ideal value
+    "pixel_aspect": ("1.020 +/- 0.005", 1.0),
+    "distortion": ("-0.010 +/- 0.002", 0.0),
+    "taper": ("0.000 +/- 0.002", 0.0),
 }
 
 
@@ -92,7 +87,7 @@ class Camera:
     def stated(self) -> Mapping[str, Quantity]:
         """What differs from a camera without faults, or is uncertain, by name."""
         known = {name: getattr(self, name) for name in _NUMBERS}
-        return {name: it for name, it in known.items() if (it.mean, it.sd) != (_NUMBERS[name].ideal, 0.0)}
+        return {name: it for name, it in known.items() if (it.mean, it.sd) != (_NUMBERS[name][1], 0.0)}
 
     def straightened(self, points: Floats, *, walls: float) -> Floats:
         """Return where points are that are seen at places.
@@ -126,7 +121,7 @@ class Camera:
 def _read(value: object, where: str, key: str) -> Quantity:
     if not isinstance(value, str):  # a number has no error: zero would be taken for one that was measured
         name = key.rpartition(".")[2]
-        raise InputError(where, key, f'a text like "{_NUMBERS[name].example}"', repr(value))
+        raise InputError(where, key, f'a text like "{_NUMBERS[name][0]}"', repr(value))
     return _number(value, where, key)
 
 

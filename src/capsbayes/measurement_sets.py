@@ -201,7 +201,7 @@ _NOISE = {"noise_scale": "l", "noise_correlation": "l", "noise_white": "1"}
 _OUTLINE = ("capsule", "point", "axis")
 
 
-def read_netcdf(path: Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
+def read_netcdf(path: Path, experiment: Experiment | str | Path | None) -> MeasuredSet:
     """Read a file of outlines."""
     # Outlines (capsule, point, axis) [l], columns (z, y), are filled up with NaN; the numbers of `_UNITS` and `_NOISE`
     # are over the capsules. Conditions are NaN where they are those of the experiment, which the file may name.
@@ -378,11 +378,9 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
             raise InputError(other.source, "cross_section", expected, repr(other.cross_section))
     if len(known) == 1:
         return measurements, first
-    own = []
-    for measurement, file in zip(measurements, files, strict=True):
-        conditions = {name: getattr(known[file], name).mean for name in CONDITIONS}
-        own.append(replace(measurement, conditions=conditions))
-    return tuple(own), first
+    conditions = {file: {name: getattr(known[file], name).mean for name in CONDITIONS} for file in known}
+    pairs = zip(measurements, files, strict=True)
+    return tuple(replace(measurement, conditions=conditions[file]) for measurement, file in pairs), first
 
 
 def _named(measurement: Measurement) -> Path:

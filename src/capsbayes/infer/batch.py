@@ -424,9 +424,8 @@ def measured_file(file: Path, run: Run) -> Measurement:
         if run.experiment is not None:
             missing, advice = "capsule_velocity", "give the flow rate, or a velocity that all share with its spread"
         raise InputError(str(file), missing, "what a picture does not show", "nothing", advice)
-    how: dict[str, Any] = {"background": run.background, "flow": run.flow, "by_hand": run.by_hand}
-    how |= {"capsule_velocity": run.capsule_velocity, "flow_rate": run.flow_rate}
-    return measure(file, run.experiment, **how)
+    names = ("background", "flow", "by_hand", "capsule_velocity", "flow_rate")
+    return measure(file, run.experiment, **{name: getattr(run, name) for name in names})
 
 
 # The capsules of a run, of a folder, of a table or of a file of outlines, as tasks
@@ -520,9 +519,8 @@ def cross_section_and_view(source: Path, experiment: Experiment | None) -> tuple
                     view = SILHOUETTE
                     break
                 measurement = Measurement.read(file)
-                experiment = experiment or (
-                    Experiment.read(measurement.experiment_file) if measurement.experiment_file else None
-                )
+                if experiment is None and measurement.experiment_file:
+                    experiment = Experiment.read(measurement.experiment_file)
                 if measurement.outline is not None:
                     view = measurement.outline.view
                     break
@@ -823,9 +821,8 @@ def _finish(
 
 
 def _attributes(run: Run, source: str) -> dict[str, Any]:
-    known = run.experiment
     stated: dict[str, Any] = {}
-    if known is not None:
+    if (known := run.experiment) is not None:
         inputs = {"half_width": known.half_width, "viscosity": known.viscosity}
         pairs = {name: {"value": quantity.mean, "error": quantity.sd} for name, quantity in inputs.items()}
         stated = {"cross_section": known.cross_section, **pairs}

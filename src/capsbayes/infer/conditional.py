@@ -419,7 +419,8 @@ class Capsules:
             # where steps go back and forth, as between a convex and a concave rear, shorter ones end
             length[active] = np.where(solved.decrease > _SHRINKS * before[active], 0.5 * length[active], 1.0)
             before[active] = solved.decrease
-            result.log_evidence[active[ended]] = self._log_evidence(blocks, solved, common[active])[ended]
+            square = blocks.square.sum(axis=1) + np.sum(common[active, SCALE:] ** 2, axis=1)
+            result.log_evidence[active[ended]] = -0.5 * (square + solved.log_volume)[ended]
             left = np.abs(solved.own_step) / np.sqrt(np.diagonal(solved.inverse, axis1=2, axis2=3))
             result.settled[active[ended]] = np.mean(np.all(left < _HELD, axis=2), axis=1)[ended]
             moving, own_step, common_step = ~ended, solved.own_step, solved.common_step
@@ -581,7 +582,10 @@ class Capsules:
         carried = blocks.cross @ inverse
         schur = blocks.common - carried @ blocks.cross.swapaxes(-1, -2)
         slope = blocks.common_slope - (carried @ blocks.own_slope[..., None])[..., 0]
-        matrix, right = self._gathered(schur, slope, common)
+        matrix, right = schur.sum(axis=1), slope.sum(axis=1)  # of all capsules; then the priors of what is common
+        columns = np.arange(common.shape[1])
+        matrix[:, columns, columns] += np.where(np.isin(columns, (MODULUS, SIZE)), _FLAT, 1.0)
+        right[:, SCALE:] -= common[:, SCALE:]
         factor: Floats = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
         step: Floats = np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=np.float64)
         own_slope = blocks.own_slope - (step[:, None, None, :] @ blocks.cross)[..., 0, :]
@@ -591,21 +595,6 @@ class Capsules:
         volume = np.log(np.linalg.det(own)).sum(axis=1)
         volume += 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return _Solved(own_step, step, decrease, volume, factor, inverse)
-
-    @staticmethod
-    def _gathered(schur: Floats, slope: Floats, common: Floats) -> tuple[Floats, Floats]:
-        """Add up the blocks of all capsules and the priors of what is common."""
-        matrix, right, c = schur.sum(axis=1), slope.sum(axis=1), common.shape[1]
-        precision = np.ones(c)
-        precision[[MODULUS, SIZE]] = _FLAT
-        matrix[:, np.arange(c), np.arange(c)] += precision
-        right[:, SCALE:] -= common[:, SCALE:]
-        return matrix, right
-
-    @staticmethod
-    def _log_evidence(blocks: _Blocks, solved: _Solved, common: Floats) -> Floats:
-        square = blocks.square.sum(axis=1) + np.sum(common[:, SCALE:] ** 2, axis=1)
-        return np.asarray(-0.5 * (square + solved.log_volume))
 
     def _drawn(self, blocks: _Blocks, solved: _Solved, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Draw steps from the Gaussian about the best values."""

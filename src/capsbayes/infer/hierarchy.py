@@ -144,18 +144,9 @@ def log_likelihood(
     radius_weight: Floats,
     into: Floats,
 ) -> None:
-    """Compute the log likelihood of all capsules for some populations.
+    """Fill in the log likelihood (d,) of all capsules, laid out by `mixture` (n, c, 6), for populations (d, p).
 
-    Parameters
-    ----------
-    components : (n, c, 6) array
-        Of the capsules, laid out by `mixture`.
-    parameters : (d, p) array
-        `PARAMETERS` of each population.
-    modulus_variance, modulus_weight, radius_variance, radius_weight : (d, j) arrays
-        Tails of log G_s at given size and of log a, as of `ScaleMixture`.
-    into : (d,) array
-        Filled.
+    The (d, j) arrays are the tails of log G_s at given size and of log a, as of `ScaleMixture`.
     """
     nodes = modulus_variance.shape[1]
     for d in range(len(parameters)):
@@ -542,15 +533,9 @@ def hierarchy(
     kept = _taking_part(population, least_stretch, model)
     selection = None
     if existence or least_stretch is not None:
-        selection = Selection.of(
-            population,
-            kept,
-            _limit(population, model),
-            viscosity=viscosity.value,
-            half_width=half_width.value,
-            least_stretch=least_stretch,
-            model=model,
-        )
+        how: dict[str, Any] = {"viscosity": viscosity.value, "half_width": half_width.value}
+        how |= {"least_stretch": least_stretch, "model": model}
+        selection = Selection.of(population, kept, _limit(population, model), **how)
     components = np.ascontiguousarray(population["likelihood"][kept])  # in (log G_s, log a), at what all share
     components[:, :, 1] += np.float32(np.log(viscosity.value))
     components[:, :, 2] += np.float32(np.log(half_width.value))

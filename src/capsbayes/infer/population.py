@@ -46,16 +46,7 @@ _REACH = 4.0  # standard deviations on either side that the slices divide
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def mixture(weights: Floats, x: Floats, y: Floats, into: Floats) -> None:
-    """Represent weighted points by components.
-
-    Parameters
-    ----------
-    weights : (n,) array
-        Positive, of any sum.
-    x, y : (n,) arrays
-    into : (COMPONENTS, 6) array
-        Filled with `NUMBERS`; components without points have weight zero.
-    """
+    """Represent points (n,) with weights of any sum by components (c, 6), see `COMPONENT`; zeros where none lie."""
     total = weights.sum()
     mx, my = np.sum(weights * x) / total, np.sum(weights * y) / total
     dx, dy = x - mx, y - my
@@ -112,12 +103,6 @@ TEXTS = ("name", "source", "sha256", "status", "reason", "engine")
 """Columns of text: source and sha256 are of the file that was read, a reason is where the status does not tell it."""
 
 
-def _measured_columns() -> dict[str, dict[str, str]]:
-    """Return the attributes of the columns of what was measured."""
-    known = {name: PARAMETERS.get(name.removesuffix("_error")) for name in NUMBERS}
-    return {name: {"units": "1" if parameter is None else parameter.unit} for name, parameter in known.items()}
-
-
 def _columns_of_engine() -> dict[str, dict[str, str]]:
     """Return the attributes of the columns that an engine fills."""
     columns = {}
@@ -138,7 +123,8 @@ def _columns_of_engine() -> dict[str, dict[str, str]]:
 
 
 _OF_ENGINE = _columns_of_engine()
-_COLUMNS = _measured_columns() | _OF_ENGINE
+_MEASURED = {name: PARAMETERS.get(name.removesuffix("_error")) for name in NUMBERS}
+_COLUMNS = {name: {"units": "1" if it is None else it.unit} for name, it in _MEASURED.items()} | _OF_ENGINE
 
 
 class CapsuleRows(dict[str, NDArray[Any]]):
@@ -322,7 +308,9 @@ class Population(Readable):
         texts = [name for name in along if self.dataset[name].dtype.kind not in "fiu"]
         numbers = [name for name in along if name not in texts]
         columns = {name: self[name] for name in along}
-        yield ",".join([*texts, *(_quoted(self._header(name)) for name in numbers)]) + "\n"
+        units = {name: self.dataset[name].attrs.get("units", "1") for name in numbers}
+        heads = [name if unit in ("1", "-") else f"{name} [{unit}]" for name, unit in units.items()]
+        yield ",".join([*texts, *map(_quoted, heads)]) + "\n"
         line = "," + ",".join(["%.8g"] * len(numbers)) + "\n"
         for first in range(0, len(self), _LINES):
             rows = slice(first, first + _LINES)
@@ -330,10 +318,6 @@ class Population(Readable):
             values = np.stack([columns[name][rows] for name in numbers], axis=1).tolist()
             for begin, row in zip(words, values, strict=True):
                 yield ",".join(begin) + (line % tuple(row)).replace("nan", "")
-
-    def _header(self, name: str) -> str:
-        unit = self.dataset[name].attrs.get("units", "1")
-        return name if unit in ("1", "-") else f"{name} [{unit}]"
 
     def __len__(self) -> int:
         return int(self.dataset.sizes["capsule"])

@@ -169,21 +169,17 @@ def record_of(seen: Measurement, known: Experiment, prior: Prior, gates: Sequenc
     if seen.outline is not None:
         noise, pose = vars(seen.outline.noise), vars(seen.outline.pose)
         measured["outline"] = {"noise": noise, "pose": pose, "view": seen.outline.view}
-    rate = known.frame_rate
+    rate, quantities = known.frame_rate, {name: getattr(known, name) for name in _QUANTITIES}
     return {
         "measurement": measured,
         "experiment": {
             **{name: getattr(known, name) for name in _TEXTS},
-            **{name: _recorded(getattr(known, name)) for name in _QUANTITIES},
+            **{name: quantity and quantity.as_record() for name, quantity in quantities.items()},
             "frame_rate": rate and {"value": rate.value, "error": rate.error, "unit": rate.unit},
         },
         "coordinates": {name: quantity.as_record() for name, quantity in prior.coordinates.items()},
         "gates": [[gate.name, *map(json_number, (gate.value, gate.least, gate.most, gate.doubtful))] for gate in gates],
     }
-
-
-def _recorded(quantity: Quantity | None) -> Any:
-    return None if quantity is None else quantity.as_record()
 
 
 def work_of(path: Path) -> str | None:

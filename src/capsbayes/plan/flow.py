@@ -27,7 +27,7 @@ from capsbayes.plan.lab import (
     range_at,
 )
 from capsbayes.plan.map import Progress
-from capsbayes.plan.widths import NOISES, Width, WidthPredictor, check_model
+from capsbayes.plan.widths import NOISES, WidthPredictor, check_model
 from capsbayes.quantity import Given
 from capsbayes.status import Status
 
@@ -282,9 +282,8 @@ class WidthTable:
         ca = np.stack([range_at(model, float(size)).inner(_POINTS) for size in columns])
         places = list(np.ndindex(ca.shape))
         shown = places if progress is None else progress(places, len(places), "expected widths")
-        widths = [predictor.at(float(ca[place]), float(columns[place[0]])) for place in shown]
-        found = {name: np.array([getattr(width, name) for width in widths]) for name in Width.names()}
-        values = {name: each.reshape(ca.shape) for name, each in found.items()}
+        rows = [asdict(predictor.at(float(ca[place]), float(columns[place[0]]))) for place in shown]
+        values = {name: np.array([row[name] for row in rows]).reshape(ca.shape) for name in rows[0]}
         sizes = columns if len(columns) == 1 else np.linspace(columns[0], columns[-1], _BORDERS)
         return cls(columns, np.log(ca), values, ModelEnds.of(model, sizes))
 

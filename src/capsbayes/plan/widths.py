@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -47,11 +47,6 @@ class Width:
     noise_free: float = np.nan  # as `relative`, of the measurement without noise
     leaning: float = np.nan  # share of that posterior next to the border of the model, as in `identify`
 
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Return the names of the fields."""
-        return tuple(field.name for field in fields(cls))
-
 
 class WidthPredictor:
     """Predictor of the posterior of a capsule for one lab, by the engine that identifies single capsules."""
@@ -84,10 +79,8 @@ class WidthPredictor:
 
     def mean_velocity(self, capillary_number: float) -> float:
         """Return U [m/s] of a capsule of the expected G_s."""
-        viscosity, modulus = self.experiment.viscosity.value, self.modulus
-        return float(
-            imposed_velocity(viscosity=viscosity, capillary_number=capillary_number, surface_shear_modulus=modulus)
-        )
+        known = {"viscosity": self.experiment.viscosity.value, "surface_shear_modulus": self.modulus}
+        return float(imposed_velocity(capillary_number=capillary_number, **known))
 
     def without_noise(self, capillary_number: float, size_ratio: float, *, outline: bool) -> Measurement:
         """Return what is measured of a capsule without noise: its lengths, flow rate and, where wanted, its outline."""
@@ -149,10 +142,8 @@ class WidthPredictor:
 
 def width_of(posterior: ExactPosterior) -> Width:
     """Return the width of one posterior."""
-    modulus, radius = (posterior.marginal(name) for name in ("surface_shear_modulus", "capsule_radius"))
-    half, half_radius = (
-        0.5 * (marginal.upper_68 - marginal.lower_68) / marginal.median for marginal in (modulus, radius)
-    )
+    both = map(posterior.marginal, ("surface_shear_modulus", "capsule_radius"))
+    half, half_radius = (0.5 * (marginal.upper_68 - marginal.lower_68) / marginal.median for marginal in both)
     return Width(half, posterior.log_marginal("surface_shear_modulus").sd, half_radius, half)
 
 

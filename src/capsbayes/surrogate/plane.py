@@ -724,15 +724,14 @@ class LeaveOneOut:
         return Summary(mean, sd, median, len(errors), len(errors) - len(good))
 
 
-def validate_inverse(database: Database, *, neighbours: int = 14) -> LeaveOneOut:
+def validate_inverse(database: Database) -> LeaveOneOut:
     """Validate the inverse procedure of the paper by leave-one-out."""
-    whole = inverse(database, neighbours)
+    whole = inverse(database)
 
     def answer_without(i: int) -> Floats:
         keep = np.arange(len(whole.parameters)) != i
-        rest = Inverse(
-            whole.parameters[keep], whole.lengths[keep], whole.velocity_ratio[keep], whole.contours[keep], neighbours
-        )
+        names = ("parameters", "lengths", "velocity_ratio", "contours")
+        rest = Inverse(*(getattr(whole, name)[keep] for name in names))
         answer = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
         return np.array([answer.capillary_number, answer.size_ratio, answer.velocity_ratio])
 
