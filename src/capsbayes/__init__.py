@@ -1,9 +1,7 @@
 """Shear modulus and radius of microcapsules from a picture, with honest credible intervals.
 
-A capsule is simulated, the simulations are approximated, a picture is
-measured, the measurement is identified, and what the model misses is
-diagnosed. Public names are loaded when first used, so that importing the
-package stays fast.
+A capsule is simulated, the simulations are approximated, a picture is measured, the measurement is identified, and what
+the model misses is diagnosed. Public names are loaded when first used, so that importing the package stays fast.
 """
 
 from __future__ import annotations

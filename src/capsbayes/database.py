@@ -1,8 +1,7 @@
 """Steady shapes on disk: one NetCDF file per membrane law and cross-section, with its pedigree.
 
-Lengths are over the half width l of the channel, velocities over the mean
-undisturbed velocity U, pressures over mu U/l, tensions over G_s. The file is
-plain NetCDF-4; ``xarray.open_dataset(path, engine="h5netcdf")`` reads it.
+Lengths are over the half width l of the channel, velocities over the mean undisturbed velocity U, pressures over
+mu U/l, tensions over G_s. The file is plain NetCDF-4; ``xarray.open_dataset(path, engine="h5netcdf")`` reads it.
 
 An *effect* file varies one more parameter of the simulator: it has one row for
 each case at each of a few values. A plain file has the effect "none".
@@ -187,8 +186,7 @@ class Database(StoredStates):
     Parameters
     ----------
     dataset : xarray.Dataset
-        Contains the variables of `VARIABLES`. `assemble` makes a database
-        from arrays; `read` and `open` read a file.
+        Contains the variables of `VARIABLES`. `assemble` makes a database from arrays; `read` and `open` read a file.
     """
 
     FOLDER, KIND = "databases", "database"

@@ -26,10 +26,9 @@ if TYPE_CHECKING:
 
 # Effects that a forward model may miss, and that `model + effect` adds to it.
 #
-# An effect is a forward operator with one parameter. It may change the input of a
-# model, its output, or both; at its null value it changes nothing. Some effects
-# depend on more than the parameter, for example on the velocity of the capsule or
-# the width of the channel. These circumstances are further names in ``theta``
+# An effect is a forward operator with one parameter. It may change the input of a model, its output, or both; at its
+# null value it changes nothing. Some effects depend on more than the parameter, for example on the velocity of the
+# capsule or the width of the channel. These circumstances are further names in ``theta``
 
 Theta = Mapping[str, NDArray[np.float64]]
 
@@ -109,9 +108,8 @@ class HasOutlineModes(Protocol):
 
 # The one contract of forward models, and the models made from others by adding an effect or fixing parameters.
 #
-# A forward model maps parameters to a `Prediction` and declares what it stands
-# for: the cross-section of the channel, the view of its outlines, its further
-# coordinates, what it must know of each capsule, and its domain. Every part of
+# A forward model maps parameters to a `Prediction` and declares what it stands for: the cross-section of the channel,
+# the view of its outlines, its further coordinates, what it must know of each capsule, and its domain. Every part of
 # the library reads these declarations and no others
 
 TWO_SHAPES = "two shapes"

@@ -27,9 +27,8 @@ class Profile:
     Parameters
     ----------
     points : (p, 2) array
-        Vertices, columns (z, y), in any one unit of length; ordered by arc
-        length from the nose (the point of the axis y = 0 that is furthest
-        along z), first through y > 0; the first vertex is not repeated.
+        Vertices, columns (z, y), in any one unit of length; ordered by arc length from the nose (the point of the axis
+        y = 0 that is furthest along z), first through y > 0; the first vertex is not repeated.
 
     Raises
     ------
@@ -159,8 +158,7 @@ class Profile:
     def hausdorff(self, other: Profile) -> float:
         """Return the Hausdorff distance to another outline of the same unit, neither moved.
 
-        The largest distance from a vertex of either outline to the nearest
-        point, vertex or not, of the other.
+        The largest distance from a vertex of either outline to the nearest point, vertex or not, of the other.
 
         Parameters
         ----------

@@ -8,8 +8,7 @@ import enum
 class Status(enum.Enum):
     """End of a solve, of a chain or of a measurement.
 
-    The member's value is the sentence shown to people; its name is what is
-    stored in files.
+    The member's value is the sentence shown to people; its name is what is stored in files.
     """
 
     DONE = "Done."

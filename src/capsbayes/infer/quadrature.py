@@ -1,10 +1,9 @@
 """The exact engine: a grid over (log Ca, a/l), refined around the posterior until the cells resolve it.
 
-Viscosity and velocity of the capsule are integrated out exactly, and so is
-the half width where the lengths are over l; where they are in metres it is a
-third dimension of the grid. On a smooth density the sum over the centres of
-the cells converges faster than any power of their size once a standard
-deviation spans a cell, so a few cells suffice for the printed digits.
+Viscosity and velocity of the capsule are integrated out exactly, and so is the half width where the lengths are over l;
+where they are in metres it is a third dimension of the grid. On a smooth density the sum over the centres of the cells
+converges faster than any power of their size once a standard deviation spans a cell, so a few cells suffice for the
+printed digits.
 """
 
 from __future__ import annotations

@@ -16,9 +16,8 @@ from capsbayes.physics.surface import C_INF_V, D2, D4, Symmetry
 
 # Undisturbed flows and straight channels: what all cross-sections share.
 #
-# Lengths are over the half width l, velocities over the mean velocity U. The
-# flow is along z; the picture shows y, in which the half width is one; x is the
-# direction of view
+# Lengths are over the half width l, velocities over the mean velocity U. The flow is along z; the picture shows y, in
+# which the half width is one; x is the direction of view
 
 
 class Flow(ABC):
@@ -248,12 +247,10 @@ class FourfoldTube(CircularChannel):
 
 # Channel of square cross-section with rounded corners, and the flow in it.
 #
-# The axial velocity is w = dp (h - r^2 / 4) with h harmonic and equal to r^2 / 4
-# on the wall. With the cross-section's symmetry, h = Re F(Z) of Z = (x + i y)^4, where
-# F has real coefficients. F is fitted on the wall by a polynomial and by poles
-# that crowd, from outside, towards the points where straight walls become arcs:
-# there the wall's curvature jumps, and a polynomial alone would converge slowly
-# (Gopal & Trefethen 2019, doi 10.1137/19M125947X)
+# The axial velocity is w = dp (h - r^2 / 4) with h harmonic and equal to r^2 / 4 on the wall. With the cross-section's
+# symmetry, h = Re F(Z) of Z = (x + i y)^4, where F has real coefficients. F is fitted on the wall by a polynomial and
+# by poles that crowd, from outside, towards the points where straight walls become arcs: there the wall's curvature
+# jumps, and a polynomial alone would converge slowly (Gopal & Trefethen 2019, doi 10.1137/19M125947X)
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 

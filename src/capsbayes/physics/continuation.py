@@ -30,10 +30,9 @@ from capsbayes.status import Status
 
 # Trace a branch of steady states through its folds, by pseudo-arclength continuation.
 #
-# Ca is an unknown like the shape; the extra equation keeps the next state on a
-# plane across the branch's direction, a given length ahead (Keller 1977, in
-# Applications of Bifurcation Theory, 359-384). Where Ca turns back the branch has
-# a fold: beyond the Ca there it does not exist
+# Ca is an unknown like the shape; the extra equation keeps the next state on a plane across the branch's direction, a
+# given length ahead (Keller 1977, in Applications of Bifurcation Theory, 359-384). Where Ca turns back the branch has a
+# fold: beyond the Ca there it does not exist
 
 _SHAPE_WEIGHT = 60.0  # of the rms displacement over a to log Ca; with 10 the fold of a small dimple is too sharp
 _MAX_ITERATIONS = 8
@@ -174,13 +173,11 @@ def _corrected(problem: Problem, point: ArcPoint, step: float, scale: Floats) ->
 
 # The steady shape to which a capsule settles from rest.
 #
-# A hardly deformed capsule is compressed at its rear. A spherical membrane
-# buckles at a compressive tension of 2 (E B)^(1/2) G_s, with Young's modulus
-# E = 4 K / (K + 1) over G_s, the area dilation modulus K over G_s and the bending
-# stiffness B over G_s a^2. From about there on the branch that leads up from rest
-# may be unstable, and other steady shapes exist: the motion itself decides which
-# of them the capsule takes. It is followed in time with linearised implicit Euler
-# steps, which damp fast decaying modes and let slowly growing ones grow
+# A hardly deformed capsule is compressed at its rear. A spherical membrane buckles at a compressive tension of 2
+# (E B)^(1/2) G_s, with Young's modulus E = 4 K / (K + 1) over G_s, the area dilation modulus K over G_s and the bending
+# stiffness B over G_s a^2. From about there on the branch that leads up from rest may be unstable, and other steady
+# shapes exist: the motion itself decides which of them the capsule takes. It is followed in time with linearised
+# implicit Euler steps, which damp fast decaying modes and let slowly growing ones grow
 
 SHALLOW = 0.1  # largest depth of the rear over a before a snap-through
 _STEPS = 100
@@ -273,12 +270,10 @@ def _stepped(problem: Problem, here: Iterate, free: Floats) -> _Step:
 
 # Follow branches of steady states: that of a capsule at rest, and that of the parachutes.
 #
-# At low Ca a capsule has one of two shapes. Followed up from rest its rear stays
-# convex until that branch ends or becomes unstable, where a capsule snaps through
-# to a parachute. The parachutes go down to a fold at a lower Ca, so that between
-# the two both shapes exist: a capsule started from rest takes the first. In wide
-# capsules, and with enough pre-inflation or bending stiffness, one branch leads
-# smoothly from one shape to the other.
+# At low Ca a capsule has one of two shapes. Followed up from rest its rear stays convex until that branch ends or
+# becomes unstable, where a capsule snaps through to a parachute. The parachutes go down to a fold at a lower Ca, so
+# that between the two both shapes exist: a capsule started from rest takes the first. In wide capsules, and with enough
+# pre-inflation or bending stiffness, one branch leads smoothly from one shape to the other.
 #
 # Newton's iteration from rest converges at a low Ca. A parachute is found with a
 # strong bending stiffness, which is then lowered

@@ -296,11 +296,10 @@ def _second_derivatives(mesh: OctaSphere) -> tuple[Floats, Integers]:
 
 # Elastic energy of the membrane on the P2 mesh, with its gradient and tangent, and its enclosed volume.
 #
-# Everything is a function of the free coordinates of the wedge (see
-# `capsbayes.physics.surface.OctaSphere`). Energies are over G_s l^2, lengths
-# over l. With tangents a_1, a_2 of the deformed and A_1, A_2 of the unstressed
-# surface, the Skalak invariants are I1 = A^{ab} a_ab - 2 and
-# I2 = det a / det A - 1 (Skalak et al. 1973, doi 10.1016/S0006-3495(73)85983-1)
+# Everything is a function of the free coordinates of the wedge (see `capsbayes.physics.surface.OctaSphere`). Energies
+# are over G_s l^2, lengths over l. With tangents a_1, a_2 of the deformed and A_1, A_2 of the unstressed surface, the
+# Skalak invariants are I1 = A^{ab} a_ab - 2 and I2 = det a / det A - 1 (Skalak et al. 1973,
+# doi 10.1016/S0006-3495(73)85983-1)
 
 BendingEnergy = Literal["displacement", "curvature"]
 """See `MembraneLoad`."""

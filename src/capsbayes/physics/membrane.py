@@ -16,9 +16,8 @@ from capsbayes.errors import InputError
 
 # The interface of membrane laws: their energy as a function of the two strain invariants.
 #
-# A law is an isotropic, thin, hyperelastic sheet. Its energy W, per unit area
-# *at rest* and over the surface shear modulus G_s, is a function of the Skalak
-# invariants of the in-plane principal stretches l1, l2,
+# A law is an isotropic, thin, hyperelastic sheet. Its energy W, per unit area *at rest* and over the surface shear
+# modulus G_s, is a function of the Skalak invariants of the in-plane principal stretches l1, l2,
 #
 #     I1 = l1^2 + l2^2 - 2,        I2 = l1^2 l2^2 - 1,
 #
@@ -73,8 +72,7 @@ class MembraneLaw(abc.ABC):
         Returns
         -------
         w, w1, w2, w11, w12, w22 : (...) arrays [-]
-            W, dW/dI1, dW/dI2, d2W/dI1^2, d2W/dI1 dI2, d2W/dI2^2, each new and
-            of the shape of `i1`.
+            W, dW/dI1, dW/dI2, d2W/dI1^2, d2W/dI1 dI2, d2W/dI2^2, each new and of the shape of `i1`.
         """
 
     def energy(self, i1: ArrayLike, i2: ArrayLike) -> Floats:
@@ -95,9 +93,8 @@ class MembraneLaw(abc.ABC):
     def principal_tensions(self, stretch: ArrayLike) -> Floats:
         """Compute the principal Cauchy tensions, over G_s.
 
-        The tension along the first direction is tau_1 = (1/l2) dW/dl1: the
-        force per unit *deformed* length. In terms of the invariants it has no
-        division by l1 - l2.
+        The tension along the first direction is tau_1 = (1/l2) dW/dl1: the force per unit *deformed* length. In terms
+        of the invariants it has no division by l1 - l2.
 
         Parameters
         ----------

@@ -32,10 +32,9 @@ from capsbayes.run import remembered
 #
 #     v(x) = V e_z - s n,        M f = -(1/Ca) dE/dx,
 #
-# at the membrane's nodes: at steady state the liquids move every one of them
-# with the capsule's velocity V. The flux of v through the membrane vanishes
-# identically; the slack s of that redundant equation makes room for the condition
-# of constant volume, and V for that of the centroid at z = 0
+# at the membrane's nodes: at steady state the liquids move every one of them with the capsule's velocity V. The flux of
+# v through the membrane vanishes identically; the slack s of that redundant equation makes room for the condition of
+# constant volume, and V for that of the centroid at z = 0
 
 _CLEARANCE = 0.95  # of the narrower half width of the channel, for a capsule at rest
 
@@ -263,10 +262,9 @@ class FreeMotion:
 
 # Newton's method for the steady shape of a capsule on the axis of a channel.
 #
-# The velocity error (see `capsbayes.physics.steady`) is bordered by
-# the conditions of constant volume and of a centroid at z = 0. The Jacobian is
-# exact: elastic tangent, motion of targets and of sources in the kernel, gradient
-# of the undisturbed flow, and the response of the walls to all of these
+# The velocity error (see `capsbayes.physics.steady`) is bordered by the conditions of constant volume and of a centroid
+# at z = 0. The Jacobian is exact: elastic tangent, motion of targets and of sources in the kernel, gradient of the
+# undisturbed flow, and the response of the walls to all of these
 
 REDUCTION = 0.1  # factor by which a step must lower the residual for its derivatives to be kept
 _DIVERGED = 100.0  # times the smallest residual

@@ -22,8 +22,7 @@ from capsbayes.physics.surface import OctaSphere, Rule, dunavant, p2, singular, 
 
 # Compiled sums of Stokeslets: velocities, their matrices and their derivatives.
 #
-# The Stokeslet is G = I/r + r r^T / r^3 with r from source to target; the factor
-# 1/(8 pi mu) is left to the callers
+# The Stokeslet is G = I/r + r r^T / r^3 with r from source to target; the factor 1/(8 pi mu) is left to the callers
 
 _compiled = numba.njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
 
@@ -93,13 +92,11 @@ def pressure_kernel(targets: Floats, sources: Floats) -> Floats:
 
 # Compiled matrices of the single layer on a symmetric P2 surface.
 #
-# Quadrature points lie in tiles of 64: a flat block of seven rows, the three
-# coordinates, the weight, and the three components of the density. All offsets
-# within a block are constants, which lets the compiler prove that rows do not
+# Quadrature points lie in tiles of 64: a flat block of seven rows, the three coordinates, the weight, and the three
+# components of the density. All offsets within a block are constants, which lets the compiler prove that rows do not
 # overlap and work on many points at once.
 #
-# Only one element of each orbit is summed over. Instead of its images,
-# the target is rotated back: with an operation g,
+# Only one element of each orbit is summed over. Instead of its images, the target is rotated back: with an operation g,
 # G(x, g y) g f = g G(g^T x, y) f
 
 TILE = 64
@@ -398,9 +395,8 @@ def layer_matrices(
 #
 #     v(x) = 1/(8 pi) int G(x, y) f(y) dS_0(y)
 #
-# The density f is per area of the rest sphere and lies in the P2 space of the
-# mesh, so the integral runs over the fixed rest surface while y moves with the
-# membrane (Pozrikidis 1992, doi 10.1017/CBO9780511624124)
+# The density f is per area of the rest sphere and lies in the P2 space of the mesh, so the integral runs over the fixed
+# rest surface while y moves with the membrane (Pozrikidis 1992, doi 10.1017/CBO9780511624124)
 
 
 class LayerMatrices(NamedTuple):
@@ -537,10 +533,9 @@ class SingleLayer:
 
 # The response of the walls to a disturbance, by the method of fundamental solutions.
 #
-# Stokeslets outside the channel cancel, in the least-squares sense, the velocity
-# that the membrane induces on the walls and on two far caps (Fairweather &
-# Karageorghis 1998, doi 10.1023/A:1018981221740). Walls stay put in the
-# capsule's frame, so the system is factorised once per cross-section
+# Stokeslets outside the channel cancel, in the least-squares sense, the velocity that the membrane induces on the walls
+# and on two far caps (Fairweather & Karageorghis 1998, doi 10.1023/A:1018981221740). Walls stay put in the capsule's
+# frame, so the system is factorised once per cross-section
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from capsbayes.arrays import Floats, Integers
 
 # Quadratic (P2) shape functions on the unit triangle.
 #
-# Local nodes: three corners (0,0), (1,0), (0,1), then the midsides of the edges
-# 0-1, 1-2 and 2-0
+# Local nodes: three corners (0,0), (1,0), (0,1), then the midsides of the edges 0-1, 1-2 and 2-0
 
 LOCAL_NODES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
 """Positions of the six local nodes on the unit triangle (6, 2)."""
@@ -77,9 +76,8 @@ def _normals(nodes: Floats, elements: Integers) -> Floats:
 
 # Symmetry groups of a flow, its channel and the mesh of the capsule.
 #
-# Only one node of each orbit is unknown, and sums over the surface run over one
-# element of each orbit. All operations are signed permutations of the axes,
-# because the mesh has the symmetry of an octahedron. The axisymmetric group has
+# Only one node of each orbit is unknown, and sums over the surface run over one element of each orbit. All operations
+# are signed permutations of the axes, because the mesh has the symmetry of an octahedron. The axisymmetric group has
 # the operations of the square; the fields are then restricted to axisymmetric ones
 
 
@@ -138,10 +136,9 @@ C2H = Symmetry("C2H", np.array([np.diag([sx, s, s]) for sx in (1.0, -1.0) for s 
 
 # P2 mesh of the unit sphere with the symmetry of a channel, and prolongation from one mesh to another.
 #
-# The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies
-# at the polar angle proportional to i and has i equal steps in azimuth, so that
-# elements have nearly one size everywhere. The symmetry of the problem decides
-# which nodes are unknowns: one of each orbit, which together make the wedge
+# The sphere is an octahedron with poles on the z axis; corner ring i of an octant lies at the polar angle proportional
+# to i and has i equal steps in azimuth, so that elements have nearly one size everywhere. The symmetry of the problem
+# decides which nodes are unknowns: one of each orbit, which together make the wedge
 
 _NEIGHBOURS = 80  # of a node, from which a field is prolonged
 
@@ -291,10 +288,9 @@ def prolonged(free: Floats, coarse: OctaSphere, fine: OctaSphere) -> Floats:
 
 # Quadrature rules on the unit triangle: regular, subdivided, and singular at a node.
 #
-# Weights sum to the triangle's area, 1/2. The symmetric rules of degree 4 to 6
-# are those of Dunavant (1985, doi 10.1002/nme.1620210612); a singular rule
-# collapses a square onto the triangle (Duffy 1982, doi 10.1137/0719090), whose
-# Jacobian cancels a 1/r kernel at the collapsed corner
+# Weights sum to the triangle's area, 1/2. The symmetric rules of degree 4 to 6 are those of Dunavant (1985,
+# doi 10.1002/nme.1620210612); a singular rule collapses a square onto the triangle (Duffy 1982, doi 10.1137/0719090),
+# whose Jacobian cancels a 1/r kernel at the collapsed corner
 
 
 class Rule(NamedTuple):

@@ -14,16 +14,13 @@ from capsbayes.least_squares import factorise, substitute
 
 # Diffuse approximation (moving least squares) of scattered values in the plane, with its exact gradient.
 #
-# The value at a query is that of the polynomial fitted there by weighted least
-# squares (Nayroles, Touzot and Villon, Comput. Mech. 10, 307 (1992),
-# doi:10.1007/BF00364252). Each case has its own radius, a multiple of the distance
-# to its k-th neighbour, and its weight is a smooth function of the distance over
-# that radius. So the weights, the value and the gradient vary smoothly with the
-# query, whether the cases are dense or sparse.
+# The value at a query is that of the polynomial fitted there by weighted least squares (Nayroles, Touzot and Villon,
+# Comput. Mech. 10, 307 (1992), doi:10.1007/BF00364252). Each case has its own radius, a multiple of the distance to its
+# k-th neighbour, and its weight is a smooth function of the distance over that radius. So the weights, the value and
+# the gradient vary smoothly with the query, whether the cases are dense or sparse.
 #
-# Alternatives were compared by leave-one-out over the 303 parachutes of the shipped
-# square-neo-hookean database: mean error of Ca [%] over the 173 with
-# Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
+# Alternatives were compared by leave-one-out over the 303 parachutes of the shipped square-neo-hookean database: mean
+# error of Ca [%] over the 173 with Lambda > 1.04, from the residuals of (L_z, L_a) through the inverse of their
 # gradient. One choice is changed at a time.
 #
 # ==================  =======================================================================
@@ -40,9 +37,8 @@ from capsbayes.least_squares import factorise, substitute
 # branches together   0.39, and several per cent at low Ca, where the shape jumps
 # ==================  =======================================================================
 #
-# With a pole in the weight the approximation nearly interpolates, which is an
-# advantage as the cases have little noise. Softening by 0.03 keeps the derivatives
-# small
+# With a pole in the weight the approximation nearly interpolates, which is an advantage as the cases have little noise.
+# Softening by 0.03 keeps the derivatives small
 
 DEGREE = 4
 NEIGHBOURS = 20
@@ -318,9 +314,8 @@ class PlaneScaling:
 
 # Fine table of a smooth function of the plane: bicubic Hermite cells with a continuous gradient.
 #
-# A value of moving least squares takes microseconds; a table of values, gradients
-# and cross derivatives gives it in tens of nanoseconds, with an error of fourth
-# order in the size of a cell
+# A value of moving least squares takes microseconds; a table of values, gradients and cross derivatives gives it in
+# tens of nanoseconds, with an error of fourth order in the size of a cell
 
 
 @dataclass(frozen=True, eq=False)

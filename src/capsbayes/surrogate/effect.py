@@ -34,9 +34,8 @@ from capsbayes.surrogate.plane import (
 
 # Interpolation along one coordinate as weights of the values at its knots.
 #
-# Between two knots a cubic has at either end the value there and the slope of
-# the parabola through the knot and its neighbours: smooth, exact for parabolas,
-# and with small weights however uneven the knots. It is linear in the values,
+# Between two knots a cubic has at either end the value there and the slope of the parabola through the knot and its
+# neighbours: smooth, exact for parabolas, and with small weights however uneven the knots. It is linear in the values,
 # so one set of weights serves every quantity. Knots without a value are omitted
 
 FEWEST_KNOTS = 3  # without one of them, two still give a slope
@@ -90,14 +89,12 @@ def _through(knots: Floats, values: Floats) -> CubicHermiteSpline:
 
 # Correspondence of the points of two slices: the borders of the branches move with the effect.
 #
-# A *slice* is the surrogate at one value of the effect. In every column of a/l
-# its convex shapes lie between a lowest Ca and a division, its parachutes
-# between the division and a highest Ca. All three depend on the effect: a
-# pre-inflated capsule stays convex up to a higher Ca and exists up to a higher one. Points of two
-# slices correspond when they have the same a/l, belong to the same branch, and have
-# the same Ca, except next to the borders, which they follow. So a capsule at the
-# onset of its dimple is compared with one at the onset, and values of different
-# branches are never mixed
+# A *slice* is the surrogate at one value of the effect. In every column of a/l its convex shapes lie between a lowest
+# Ca and a division, its parachutes between the division and a highest Ca. All three depend on the effect: a
+# pre-inflated capsule stays convex up to a higher Ca and exists up to a higher one. Points of two slices correspond
+# when they have the same a/l, belong to the same branch, and have the same Ca, except next to the borders, which they
+# follow. So a capsule at the onset of its dimple is compared with one at the onset, and values of different branches
+# are never mixed
 
 PARACHUTE, CONVEX = 0, 1
 BRANCHES = ("parachute", "convex")
@@ -207,18 +204,15 @@ def border(cubics, which, column, share, distance):  # type: ignore[no-untyped-d
 
 # Compiled evaluation of a joint surrogate: base plus weighted slices, at corresponding points.
 #
-# With w_j the weights of the slices along the effect, T_j the slices and B the
-# base,
+# With w_j the weights of the slices along the effect, T_j the slices and B the base,
 #
 #     prediction = sum_j w_j T_j + (B - T_null)
 #
-# The slices of the sum are each taken at the point that corresponds to the query,
-# where it lies between the same borders. The mesh's error, B - T_null, is taken at
-# the query's own Ca, or at the border next to it, as it depends on the shape and
-# some borders move far with an effect; near a limit of existence, at the same
-# share of it. At the null value, where w is one for the
-# null slice alone, the prediction is the base. Where base or null slice lack
-# the branch, the prediction is that of the slices
+# The slices of the sum are each taken at the point that corresponds to the query, where it lies between the same
+# borders. The mesh's error, B - T_null, is taken at the query's own Ca, or at the border next to it, as it depends on
+# the shape and some borders move far with an effect; near a limit of existence, at the same share of it. At the null
+# value, where w is one for the null slice alone, the prediction is the base. Where base or null slice lack the branch,
+# the prediction is that of the slices
 
 _STEEP = 8  # power of the distance from the opposite border, with which points follow the upper border
 _STEEP_BELOW = 16  # and the lower one: a division, from which the shape depends less on the distance than from a fold
@@ -412,17 +406,13 @@ def corresponding(ca, size, effect, stack, base, weighing, branches, places, wei
 def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside):  # type: ignore[no-untyped-def]
     """Fill in the points of the domain: values (n, q), covariance (n, 3, 3), inside (n,).
 
-    The covariance is the sum of independent errors: those of the base; those of
-    the slices with the squares of their weights; that of the interpolation
-    between the slices; and the change of the mesh error with the effect, as
-    large as that error itself at a distance from the null value of the whole
-    range, or where it is taken a step of the scaling from the query's own Ca, or
-    between two Ca so far apart.
-    What a slice shares with the null slice, which is subtracted, cancels: its
-    error is that of their difference, the more so the nearer to each other they
-    are read. In the gap between the branches of a slice, each is added the
-    uncertainty of the branch; for the null slice it is that of the base, since the
-    mesh correction is one of a given branch.
+    The covariance is the sum of independent errors: those of the base; those of the slices with the squares of their
+    weights; that of the interpolation between the slices; and the change of the mesh error with the effect, as large as
+    that error itself at a distance from the null value of the whole range, or where it is taken a step of the scaling
+    from the query's own Ca, or between two Ca so far apart. What a slice shares with the null slice, which is
+    subtracted, cancels: its error is that of their difference, the more so the nearer to each other they are read. In
+    the gap between the branches of a slice, each is added the uncertainty of the branch; for the null slice it is that
+    of the base, since the mesh correction is one of a given branch.
     """
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
@@ -572,10 +562,9 @@ class FixedDomain(Domain):
 
 # Surrogate with one more coordinate, the parameter that an effect database varies.
 #
-# It has one surrogate per value of the parameter, the *slices*, on a mesh that may
-# be coarse, and a *base* surrogate on a finer mesh at the null value. The difference
-# of the slices from the null slice is added to the base, so that the error of the
-# coarse mesh is not mistaken for physics
+# It has one surrogate per value of the parameter, the *slices*, on a mesh that may be coarse, and a *base* surrogate on
+# a finer mesh at the null value. The difference of the slices from the null slice is added to the base, so that the
+# error of the coarse mesh is not mistaken for physics
 
 SLICE_CELLS = (80, 60)  # a quarter of the memory of the base's tables; reading them takes most of the time
 

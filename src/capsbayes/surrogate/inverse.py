@@ -64,22 +64,17 @@ def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
 
 # Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.
 #
-# Every step is the paper's: the lengths are rotated by -45 degrees; the cases in
-# an elliptical neighbourhood of N = 14 are weighted by 2 D^3 - 3 D^2 + 1; the
-# rotated lengths are fitted as linear functions of (Ca, a/l) by weighted least
-# squares; the fit is inverted by a pseudo-inverse. v_o/U comes from the Delaunay
-# triangle around the answer, the contour from the weighted mean of the
-# neighbours' contours.
+# Every step is the paper's: the lengths are rotated by -45 degrees; the cases in an elliptical neighbourhood of N = 14
+# are weighted by 2 D^3 - 3 D^2 + 1; the rotated lengths are fitted as linear functions of (Ca, a/l) by weighted least
+# squares; the fit is inverted by a pseudo-inverse. v_o/U comes from the Delaunay triangle around the answer, the
+# contour from the weighted mean of the neighbours' contours.
 #
-# The text's order of the two weights of the distance, 1 and 0.05, is ambiguous.
-# The ellipse must be long along the cloud's long axis, which the rotation turns
-# onto the first coordinate, hence (0.05, 1): measured on trial cases, the other
-# order doubles the error of Ca.
+# The text's order of the two weights of the distance, 1 and 0.05, is ambiguous. The ellipse must be long along the
+# cloud's long axis, which the rotation turns onto the first coordinate, hence (0.05, 1): measured on trial cases, the
+# other order doubles the error of Ca.
 #
-# References
-# ----------
-# Quesada, Dupont, Villon, Salsac, "Diffuse approximation for the identification
-# of the mechanical properties of microcapsules", section "Inverse analysis approach"
+# Quesada, Dupont, Villon, Salsac, "Diffuse approximation for the identification of the mechanical properties of
+# microcapsules", section "Inverse analysis approach"
 
 DISTANCE_WEIGHTS = (0.05, 1.0)
 FEWEST_NEIGHBOURS = 5  # three unknowns, and the farthest neighbour has no weight

@@ -35,9 +35,8 @@ from capsbayes.surrogate.inverse import DISTANCE_WEIGHTS, Inverse, inverse, rota
 
 # Domain of existence: the part of the (Ca, a/l) plane that the steady shapes of a database cover.
 #
-# It is the union of one region for each branch of steady shapes, each between two
-# polygonal lines over a/l. Outside, the approximation has no answer: nothing is
-# extrapolated
+# It is the union of one region for each branch of steady shapes, each between two polygonal lines over a/l. Outside,
+# the approximation has no answer: nothing is extrapolated
 
 
 def aligned(*values: ArrayLike) -> list[Floats]:
@@ -158,14 +157,11 @@ def _contains(ca, size, columns, lowest, highest):  # type: ignore[no-untyped-de
 
 # Branches of steady shapes: parachutes (concave rear) and, at low Ca in a narrow channel, convex shapes.
 #
-# From one branch to the other the shape jumps, or changes with a kink, so no
-# smooth approximation may average over both. The parachute depth of a case decides
-# its branch. In each column of a/l the border between the branches lies
-# between the highest convex case and the lowest parachute: at the snap-through if
-# the database names one; where the rear turns concave smoothly, at the onset; else
-# half way in sqrt(Ca). Between those two cases the branch of a capsule is unknown:
-# this gap is stored with the branches. Elsewhere a branch ends
-# at its own last converged case
+# From one branch to the other the shape jumps, or changes with a kink, so no smooth approximation may average over
+# both. The parachute depth of a case decides its branch. In each column of a/l the border between the branches lies
+# between the highest convex case and the lowest parachute: at the snap-through if the database names one; where the
+# rear turns concave smoothly, at the onset; else half way in sqrt(Ca). Between those two cases the branch of a capsule
+# is unknown: this gap is stored with the branches. Elsewhere a branch ends at its own last converged case
 
 CONVEX = 1e-4  # L_p/l below which a rear counts as convex; the cases have 0, or 0.02 and more
 FEWEST_CASES = 9
@@ -257,16 +253,13 @@ def _is_limit(cases: Database, columns: Floats) -> Booleans:
 
 # The surrogate's own error: covariance of (L_z, L_a, v_o/U) at every point of the domain.
 #
-# It derives from leave-one-out residuals: the difference between each case and
-# the prediction from all others. The products of the three residuals of a case are
-# averaged with smooth positive weights over the cases around the query (moving
-# least squares of degree zero), so that the error does not vanish where one
-# residual happens to, and the covariance is positive everywhere. Without a case its
-# neighbourhood is sparser than that of any query, and on the border an interpolation
-# becomes an extrapolation: a residual counts with the share `OF_LEFT_OUT`. With every
-# second inner case of the shipped databases held out, the errors there are 0.58 of
-# what the residuals of the others state (rms of 2041 cases, 0.14 to 0.83 by branch);
-# with every second column of a/l held out, 0.34 to 0.84
+# It derives from leave-one-out residuals: the difference between each case and the prediction from all others. The
+# products of the three residuals of a case are averaged with smooth positive weights over the cases around the query
+# (moving least squares of degree zero), so that the error does not vanish where one residual happens to, and the
+# covariance is positive everywhere. Without a case its neighbourhood is sparser than that of any query, and on the
+# border an interpolation becomes an extrapolation: a residual counts with the share `OF_LEFT_OUT`. With every second
+# inner case of the shipped databases held out, the errors there are 0.58 of what the residuals of the others state (rms
+# of 2041 cases, 0.14 to 0.83 by branch); with every second column of a/l held out, 0.34 to 0.84
 
 NEIGHBOURS = 12
 DILATION = 1.3
@@ -359,8 +352,7 @@ def _two_shapes(database: Database) -> Region | None:
 
 # Surrogate of one branch of steady shapes: a smooth map (Ca, a/l) -> (L_z, L_a, v_o/U, Lambda, outline).
 #
-# Moving least squares define the map, a fine table evaluates it fast, and
-# leave-one-out residuals give its own error
+# Moving least squares define the map, a fine table evaluates it fast, and leave-one-out residuals give its own error
 
 CELLS = (160, 120)
 OUTLINES = {MID_PLANE: "profile", SILHOUETTE: "silhouette"}  # variable of the database, by view
@@ -579,9 +571,8 @@ def bilinear(x, y, lattice, out):  # type: ignore[no-untyped-def]
 
 # Surrogate of a database of steady shapes over the (Ca, a/l) plane, with its own error.
 #
-# Each branch of steady shapes has a smooth approximation over its part of the
-# plane. A query is answered by the branch whose region it lies in; outside all
-# regions there is no answer
+# Each branch of steady shapes has a smooth approximation over its part of the plane. A query is answered by the branch
+# whose region it lies in; outside all regions there is no answer
 
 
 class DatabaseModel(ForwardModel):
@@ -670,9 +661,8 @@ class PlaneSurrogate(DatabaseModel):
 
 # Leave-one-out over a database: errors of (Ca, a/l, v_o/U) identified from (L_z, L_a) of a case left out.
 #
-# Two methods are compared: the inverse procedure of the paper, and the inversion
-# of the forward map (`inversion`). The relative errors are those of the paper,
-# |theta - theta_i| / theta_i
+# Two methods are compared: the inverse procedure of the paper, and the inversion of the forward map (`inversion`). The
+# relative errors are those of the paper, |theta - theta_i| / theta_i
 
 PARAMETERS = ("capillary_number", "size_ratio", "velocity_ratio")
 STRETCH_LIMIT = 1.04  # of the profile, above which the paper recommends its method
