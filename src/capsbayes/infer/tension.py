@@ -27,11 +27,21 @@ _FEWEST_KNOWN = 0.95  # share of the draws at which the tension has to be known
 
 @dataclass(frozen=True)
 class MembraneTension:
-    """What the membrane bears, with the posterior of the capsule."""
+    """What the membrane bears, with the posterior of the capsule.
 
-    largest_tension: Marginal | None  # [N/m], principal; None if more than 5 % of the posterior has no stored states
-    surface_young_modulus: Marginal  # [N/m], times the thickness: E_s = 4 K_s G_s / (K_s + G_s)
-    young_modulus: Marginal | None  # [Pa]; None if the thickness of the membrane is not stated
+    Parameters
+    ----------
+    largest_tension : Marginal or None [N/m]
+        Largest principal tension of the membrane; None if more than 5 % of the posterior lies beyond the stored states.
+    surface_young_modulus : Marginal [N/m]
+        Young's modulus times the thickness, E_s = 4 K_s G_s / (K_s + G_s).
+    young_modulus : Marginal or None [Pa]
+        Young's modulus; None if the thickness of the membrane is not stated.
+    """
+
+    largest_tension: Marginal | None
+    surface_young_modulus: Marginal
+    young_modulus: Marginal | None
 
 
 def membrane_tension(posterior: Posterior) -> MembraneTension | None:
