@@ -226,7 +226,10 @@ def shown(*arguments, **options):
 
 
 def test_the_picture_it_was_measured_in_or_what_was_drawn_then_is_shown(photograph, tmp_path):
+    extent, _, _, half_width = detect(Picture.read(photograph)).lengths
     named = replace(posterior().measurement, source=str(photograph), sha256=Picture.read(photograph).sha256)
+    assert "the measured edge" not in shown(replace(posterior(), measurement=named)), "as with another background"
+    named = replace(named, axial_extent=extent / half_width)
     assert "photograph.png: the measured edge" in shown(replace(posterior(), measurement=named))
     changed = replace(named, sha256="other")
     assert "the measured edge" not in shown(replace(posterior(), measurement=changed))

@@ -24,7 +24,7 @@ from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
 from capsbayes.infer.posterior import DIFFERENCES, Resimulation
 from capsbayes.infer.tension import membrane_tension
-from capsbayes.measurement import MID_PLANE, SILHOUETTE
+from capsbayes.measurement import MID_PLANE, SILHOUETTE, Measurement
 from capsbayes.parameters import PARAMETERS, Parameter
 from capsbayes.report import posterior as texts
 from capsbayes.report import style
@@ -275,12 +275,13 @@ def capsule_pictures(
     what = "picture of the capsule with what was found in it"
     # in a picture with stated walls, others would be found
     seen, name = (None, "") if known is None or measured.walls else (Picture.read(known), known.name)
-    if seen is not None and (detection := detect(seen)).status.ok:
-        laid = None if predicted is None else on_picture(predicted, detection)
-        drawn = png(overlay(seen, detection, posterior.inputs.half_width.value, laid), widest=_WIDEST)
+    given = capsule is not None
+    if seen is not None and (found := detect(seen)).status.ok and (given or _as_measured(found, measured)):
+        laid = None if predicted is None else on_picture(predicted, found)
+        drawn = png(overlay(seen, found, posterior.inputs.half_width.value, laid), widest=_WIDEST)
         caption = ": the measured edge" + ", and the predicted outline laid nose on nose" * (laid is not None)
         yield image(drawn, "png", what, f"{name}{caption}.")
-    elif seen is not None and capsule is not None:
+    elif seen is not None and given:
         caption = f"{name}: no single capsule between two walls was found in it again."
         yield image(png_of(seen, widest=_WIDEST), "png", "picture of the capsule", caption)
     else:
@@ -292,6 +293,12 @@ def capsule_pictures(
     if predicted is not None:
         caption = "Predicted outline with its 95 % band between the walls of the channel, and the measured lengths."
         yield picture(outline_figure(posterior), "predicted outline and measured lengths in the channel", caption)
+
+
+def _as_measured(detection: Detection, measured: Measurement) -> bool:
+    """Return whether the measured length was found again, without what was stated of the picture then."""
+    extent, _, _, half_width = detection.lengths
+    return bool(abs(extent / half_width - measured.axial_extent) < 2.0 * measured.axial_extent_error)
 
 
 def _measured_in(posterior: Posterior) -> Path | None:
