@@ -32,6 +32,14 @@ def spotted(picture, place, radius):
     return made
 
 
+def specked(picture, place):
+    """A dark speck of 3 px, as sharp as the capsule."""
+    speck = np.zeros(picture.shape, np.uint8)
+    cv2.circle(speck, np.rint(16.0 * place).astype(int).tolist(), 24, 255, -1, cv2.LINE_AA, shift=4)
+    share = cv2.GaussianBlur(speck / 255.0, (0, 0), 0.7)
+    return np.rint(picture + share * (np.minimum(picture, 60.0) - picture)).astype(np.uint8)
+
+
 def sheared(picture, empty, way):
     """As a camera takes it that reads row after row: so many px later at each l further down."""
     rows, columns = np.arange(picture.shape[0]), np.arange(picture.shape[1])
@@ -51,9 +59,9 @@ def edge_of(view):
     return view.placed(view.capsules[0].silhouette, view.capsules[0])
 
 
-def nose_of(view):
+def end_of(view, side):
     points = edge_of(view)
-    return points[np.argmax(points @ view.along)]
+    return points[np.argmax(side * points @ view.along)]
 
 
 def off(scenes, spoiled):
@@ -75,9 +83,30 @@ def test_a_capsule_without_fault_is_measured(scenes):
 
 
 def test_dirt_on_the_nose_is_refused(scenes):
-    scores, statuses = off(scenes, lambda view, picture, empty: spotted(picture, nose_of(view), 3))
+    scores, statuses = off(scenes, lambda view, picture, empty: spotted(picture, end_of(view, 1.0), 3))
     assert len(scores) == 0
     assert set(statuses) == {Status.DOUBLET}
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["nose", "rear"])
+def test_a_speck_on_either_end_is_refused(scenes, side):
+    """It makes L_z too long by 1 px, three of its errors."""
+    scores, statuses = off(scenes, lambda view, picture, empty: specked(picture, end_of(view, side)))
+    assert len(scores) == 0
+    assert set(statuses) == {Status.DOUBLET}
+
+
+def test_the_rims_of_a_rear_are_not_taken_for_dirt():
+    """Those of a capsule, in its plane, stick out from a smooth curve by 2 px on either side."""
+    cases, seen = Database.open("square-neo-hookean").converged, []
+    for number in (601, 609):
+        view, camera = scenery(cases, np.random.default_rng([2026, number]))
+        seen.append((view, *photograph(view, camera, seed=number)))
+    scores, _ = off(seen, lambda view, picture, empty: picture)
+    assert np.abs(scores).max() < 2.0
+    assert len(scores) == 2
+    _, statuses = off(seen, lambda view, picture, empty: specked(picture, end_of(view, -1.0)))
+    assert statuses == [Status.DOUBLET] * 2
 
 
 def test_dirt_anywhere_on_the_edge_is_refused_or_far_from_the_ends(scenes):

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import map_coordinates, uniform_filter1d
+from scipy.ndimage import correlate1d, map_coordinates, maximum_filter1d, uniform_filter1d
+from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.image.background import Blob, between_walls
@@ -46,8 +47,6 @@ _WIDEST = 3.3  # px: a blur of 3 px, up to which intervals were counted, leaves 
 _SMEARED = 4.0  # px of motion during the exposure; where 3 px are seen as 2.7 to 3.5, intervals are right
 _WALL_SMOOTHING = 4.0  # points of an outline: standard deviation of the Gaussian that smooths it
 _CLEAR_OF_WALL = 3.0  # of the width of a wall's line
-_BUMP = 8.0  # misfit of a nose: up to 2.1 in drawn pictures, and above 9 if dirt of 3 px sticks to it
-_BUMP_BEHIND, _NEAR_AXIS = 13.0, 0.15  # that of a rear: up to 8, and above 14 if dirt of 7 px does, so near to the axis
 # 1/px: error of the located edge over its width squared, beside what all edges share; at the rear end it is larger, as
 # a concave rear darkens what lies behind it. Both were set on drawn pictures, other ones than those counted.
 _NOSE_MISFIT, _END_MISFIT = 0.039, 0.06
@@ -380,15 +379,45 @@ def _flow_of_shape(outline: EdgeOutline, walls: WallLines) -> int:
     return 0 if abs(lead) < _SYMMETRIC else int(np.sign(lead))
 
 
+# Dirt on an edge is a bump on a smooth curve. The rims of a rear are bumps too, in pairs on either side of the axis
+
+# of a bump: deviation and reach in points of an outline, least height in px and in standard errors, and distance from
+# the axis [px] nearer to which it has no mirror image. Dirt is beyond both limits, and what is clean is not
+_SPECK, _BROAD = (1.6, 10, 0.6, 4.5, 8.0), (6.4, 32, 1.5, 7.0, 27.0)
+_FEW, _MANY = 200, 500  # points of an outline: ends of smaller ones are sharper, and larger ones show more of a tip
+_NEAR_MIRROR = 15  # points about a mirror image
+_OF_END, _OF_BREADTH = 2.0, 0.4  # px behind an end, and distance from the axis over the breadth, where bumps are sought
+
+
+def _bears_dirt(detection: Detection) -> bool:
+    """Return whether the edge at an end has a bump that its mirror image about the axis lacks."""
+    walls, outline = detection.located()
+    count, error = len(outline.points), np.hypot(outline.point_error, _END_MISFIT * outline.edge_width**2)
+    z, y = np.stack([(detection.flow or 1) * walls.along, walls.across]) @ (outline.points - detection.axis).T
+    mirror = KDTree(np.stack([z, y], axis=1)).query(np.stack([z, -y], axis=1))[1]
+    nose, rear = (end & (np.abs(y) < _OF_BREADTH * np.ptp(y)) for end in (z > z.max() - _OF_END, z < z.min() + _OF_END))
+    most = max(1.0 + detection.middle, _FEW / count, count / _MANY)
+    broad = detection.flow != 0 and count > _FEW  # a rear, or what is small, may be as bent as a broad bump
+    for (deviation, reach, least, sure, near), end in (_SPECK, nose | rear), (_BROAD, nose & broad):
+        away = np.arange(-reach, reach + 1)
+        functions = np.column_stack([np.vander(away / reach, 5), np.exp(-0.5 * (away / deviation) ** 2)])
+        weights = np.linalg.pinv(functions)[-1]
+        height = np.sum(correlate1d(outline.points, weights, axis=0, mode="wrap") * outline.normals, axis=1)
+        limit = np.maximum(least * most, sure * np.linalg.norm(weights) * error)
+        image = np.maximum(maximum_filter1d(height, _NEAR_MIRROR, mode="wrap")[mirror], 0.0) * (np.abs(y) > near)
+        erased = maximum_filter1d(outline.erased, len(away), mode="wrap")
+        if np.any(end & ~erased & ~erased[mirror] & (height - image > limit)):
+            return True
+    return False
+
+
 def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
     walls, outline = detection.located()
     downstream = (detection.flow or 1) * walls.along
     nose = furthest_point(outline, downstream, _NOSE_MISFIT)
     end = furthest_point(outline, -downstream, _END_MISFIT)
-    last = outline.points[np.argmin(outline.points @ downstream)] - detection.axis
-    on_axis = abs(last @ walls.across) < _NEAR_AXIS * np.ptp(outline.points @ walls.across)
-    if nose.misfit > _BUMP or (on_axis and end.misfit > _BUMP_BEHIND):
+    if _bears_dirt(detection):
         return Detection(Status.DOUBLET, walls, outline, detection.flow, blob=detection.blob)
     detection = replace(detection, nose=nose, end=end)
     half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance

@@ -289,7 +289,6 @@ class FurthestPoint:
     distance: float  # [px]: along the direction from the origin of the picture
     variance: float  # [px^2]: of the error of the distance
     systematic: float  # [px^2]: the part of the variance that is the same in all pictures of a capsule
-    misfit: float  # mean square of what a smooth curve over the widest neighbourhood leaves, over its expectation
 
 
 def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> FurthestPoint:
@@ -300,7 +299,6 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
     reach = outline.points @ direction
     trusted = np.hypot(outline.point_error, np.hypot(misfit * outline.edge_width**2, EDGE_FLOOR))
     top = int(np.argmax(correlate1d(reach, np.full(5, 0.2), mode="wrap")))
-    misfits = []
     for window in _WINDOWS:
         index = np.arange(top - window, top + window + 1) % len(reach)
         t, design = _design(window)
@@ -309,15 +307,15 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
         inverse = np.linalg.solve(weighted.T @ weighted, weighted.T) / error
         coefficients = inverse @ reach[index]
         residual = (reach[index] - design @ coefficients) / error
-        misfits.append(float(residual @ residual) / (len(t) - _ORDER - 1))
-        if misfits[-1] < _MISFIT:
+        free = len(t) - _ORDER - 1
+        square = float(residual @ residual)
+        if square / free < _MISFIT:
             break
     powers = np.arange(_ORDER + 1)
     fine = np.linspace(-0.5, 0.5, 101)
     values = (fine[:, None] ** powers) @ coefficients
     best = int(np.argmax(values))
-    free = len(t) - _ORDER - 1
-    excess = max(1.0, wider_by_few(free) ** 2 * float(residual @ residual) / free)
+    excess = max(1.0, wider_by_few(free) ** 2 * square / free)
     value = fine[best] ** powers
     slope = powers * np.roll(value, 1)  # the derivative of a power is the next lower one, times its number
     bend = powers * np.roll(slope, 1)
@@ -326,7 +324,7 @@ def furthest_point(outline: EdgeOutline, direction: Floats, misfit: float) -> Fu
     variance = excess * float(np.sum((weights * error) ** 2)) + float(np.sum(of_arcs**2))
     too_far = _too_far(excess * float(np.sum((slope @ inverse * error) ** 2)), -float(bend @ coefficients), variance)
     model = (misfit * float(outline.edge_width[top]) ** 2) ** 2 + EDGE_FLOOR**2
-    return FurthestPoint(float(values[best]) - too_far, variance + model, model, misfits[0])
+    return FurthestPoint(float(values[best]) - too_far, variance + model, model)
 
 
 @lru_cache

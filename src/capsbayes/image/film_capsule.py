@@ -288,6 +288,7 @@ def _moved(points: Floats, step: Floats) -> Floats:
 _LENGTHS = "L_z", "L_a"
 _FEWEST = 3  # frames that give a velocity and its error
 _UNLIKE = 0.2  # of the frames: more that disagree with the others are no chance, but another shape
+_NOTCHED = 0.25  # of the frames: more to which something sticks are another shape, too
 
 
 @dataclass(eq=False)
@@ -349,7 +350,7 @@ class FilmCapsule:
         speed, drifts = _motion(frames)
         outlines = AlignedOutlines.of(frames)
         alike = outlines.alike
-        status = Status.REPEATED if repeated(*_places(frames)) else _steady(alike, drifts)
+        status = Status.REPEATED if repeated(*_places(frames)) else _steady(record, alike, drifts)
         used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
         lengths, covariance, repeat = _mean(used, drifts)
         size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
@@ -386,12 +387,13 @@ class FilmCapsule:
         return pd.DataFrame(rows, columns=columns)
 
 
-def _steady(alike: Booleans, drifts: dict[str, Drift]) -> Status:
+def _steady(record: FrameRecord, alike: Booleans, drifts: dict[str, Drift]) -> Status:
     """Return whether a capsule is steady by its changes along the channel, and enough of its frames agree."""
-    unlike = np.count_nonzero(~alike)
-    if any(drift.unsteady for drift in drifts.values()) or unlike > max(1.0, _UNLIKE * len(alike)):
+    unlike, notched = np.count_nonzero(~alike), record.statuses[Status.DOUBLET]
+    many = unlike > max(1.0, _UNLIKE * len(alike)) or notched > max(1.0, _NOTCHED * (notched + len(alike)))
+    if many or any(drift.unsteady for drift in drifts.values()):
         return Status.UNSTEADY
-    return Status.DONE if len(alike) - unlike >= _FEWEST else Status.FEW_FRAMES
+    return Status.DONE if np.count_nonzero(alike) >= _FEWEST else Status.FEW_FRAMES
 
 
 def _motion(frames: list[FrameMeasurement]) -> tuple[Velocity, dict[str, Drift]]:

@@ -240,7 +240,8 @@ def _between(
     if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in blobs):
         return replace(detection, status=Status.SHADED)
     dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
-    if len(dead) and np.nanmin(np.abs(detection.ends[:, None] - dead), initial=np.inf) < _NEAR:
+    outer = np.empty(0) if detection.outline is None else np.percentile(detection.outline.points[:, 0], [0, 100])
+    if len(dead) and np.nanmin(np.abs(np.append(detection.ends, outer)[:, None] - dead), initial=np.inf) < _NEAR:
         return replace(detection, status=Status.DEAD_COLUMN)
     return detection
 
