@@ -525,10 +525,8 @@ def _free(shape: tuple[int, ...], walls: WallLines, blobs: list[Blob]) -> Boolea
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _tile_sums(light, free, lags, size, every):  # type: ignore[no-untyped-def]
-    """Return sums of squared second differences at each lag along rows and columns, and their numbers : (tiles, lags).
-
-    A slope of the light has no second difference. Of the tiles, only every so many are summed.
-    """
+    """Return sums of squared second differences at each lag along rows and columns, and their numbers, of each tile."""
+    # a slope of the light has no second difference; of the tiles, only every so many are summed
     rows, columns = light.shape
     across = (columns + size - 1) // size
     sums = np.zeros((((rows + size - 1) // size) * across, len(lags)))

@@ -215,8 +215,7 @@ class ByHand:
 def _around_rows(axis: Floats, columns: int, half_width: float, error: float, stated: str) -> WallLines:
     """Return the walls around an axis by its rows at the left and the right border."""
     tilt = float(np.arctan2(axis[1] - axis[0], columns - 1.0))
-    place = float(axis.mean()), 0.5 * (columns - 1), tilt
-    return WallLines(*place, float(half_width), float(error), _LINE, stated)
+    return WallLines(float(axis.mean()), 0.5 * (columns - 1), tilt, float(half_width), float(error), _LINE, stated)
 
 
 def uncertain(given: Given, name: str, unit: str, example: str) -> Quantity:

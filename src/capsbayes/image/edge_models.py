@@ -285,11 +285,8 @@ def _step(profile, used, fitted, jacobian, normal, step):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sampled(spline, points, normals, samples):  # type: ignore[no-untyped-def]
-    """Return a picture at distances inwards from points along their normals : (n, m) array.
-
-    The picture is given by the coefficients of its cubic spline (rows, columns), mirrored at its borders, beyond which
-    it stays as it is there. The points and the unit vectors outwards are (n, 2) arrays, the distances an array (m,).
-    """
+    """Return a picture at distances (m,) inwards from points (n, 2) along their normals outwards : (n, m) array."""
+    # by the coefficients of its cubic spline, mirrored at its borders, beyond which it stays as it is there
     rows, columns = spline.shape
     values = np.empty((len(points), len(samples)))
     by_row, by_column = np.empty(4), np.empty(4)

@@ -162,8 +162,7 @@ def measure_film(
             _measure_frame(picture, frames - 1, view, linker, records, statuses)
         if watch is not None:
             watch(frames)
-    sha256 = film.sha256
-    size = by_hand.pixel_size
+    sha256, size = film.sha256, by_hand.pixel_size
     capsules = [FilmCapsule.of(record, experiment, rate, size, film.source, sha256) for record in records.values()]
     return FilmMeasurement(Status.DONE, tuple(capsules), statuses, frames, unreadable, saturated)
 
@@ -191,12 +190,7 @@ class _View:
 
 
 def _measure_frame(
-    picture: Picture,
-    frame: int,
-    view: _View,
-    linker: Linker,
-    records: dict[Track, FrameRecord],
-    statuses: Counter[Status],
+    picture: Picture, frame: int, view: _View, linker: Linker, records: dict[Track, FrameRecord], found: Counter[Status]
 ) -> None:
     """Find the blobs of one frame, link them and measure each."""
     light = view.light(picture)
@@ -204,10 +198,10 @@ def _measure_frame(
     blobs = find_blobs(light, view.walls, noise)
     for blob, track in zip(blobs, linker.link(frame, blobs), strict=True):
         if track is None:
-            statuses[blob.status] += 1
+            found[blob.status] += 1
             continue
         detection = analyse_blob(light, noise, view.walls, blob, linker.direction, view.shift, view.edge_offset)
-        statuses[detection.status] += 1
+        found[detection.status] += 1
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
 
@@ -237,9 +231,8 @@ def _view(
     if take_turns(picture.grey for picture in islice(film.frames(part), _FIRST) if picture is not None):
         return Status.TAKE_TURNS
     if stated is None and len(sampled) < 3:
-        raise InputError(
-            str(film.source), "", "at least three readable frames", f"{len(sampled)}", "or give a background"
-        )
+        got, advice = str(len(sampled)), "or give a background"
+        raise InputError(str(film.source), "", "at least three readable frames", got, advice)
     lines = by_hand.lines(first.shape, experiment.half_width)
     sampled = [frame[part] for frame in sampled if frame.shape == first.shape]
     sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated)
@@ -278,8 +271,7 @@ def _bare(contrast: Contrast) -> float:
 
 def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
     """Return frames in the light of another one, where the lamp flickers."""
-    levels = (brightness(frame, reference) for frame in frames)
-    lit = zip(frames, levels, strict=True)
+    lit = ((frame, brightness(frame, reference)) for frame in frames)
     return [frame if level == 1.0 else (frame / level).astype(np.float32) for frame, level in lit]
 
 

@@ -81,12 +81,11 @@ class EdgeErrors:
         kept = ~outline.erased
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
-        misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
-        misfit = np.hypot(misfit, _OF_LINE * detection.middle)
+        of_shift, (of_line, in_line) = _OF_SHIFT * detection.shift, np.array([_OF_LINE, _OF_REAR]) * detection.middle
+        misfit = np.hypot(np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), of_shift), of_line)
         facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
-        band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
-        band = float(np.hypot(band, _OF_REAR * detection.middle))
+        band = float(np.hypot(np.sqrt(rear - nose) if rear > _BAND * nose else 0.0, in_line))
         return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band)
 
 
@@ -399,8 +398,7 @@ def measurement_of_lengths(
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
-    rear = np.isfinite(lengths[1]) and covariance[1, 1] < lengths[1] ** 2  # an error beyond its value tells nothing
-    known = [0, 1] if rear else [0]
+    known = [0, 1] if covariance[1, 1] < lengths[1] ** 2 < np.inf else [0]  # an error beyond its value tells nothing
     scaled = lengths[known] * scale
     ends = np.hypot(askew * _OF_ASKEW, of_turn)[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2

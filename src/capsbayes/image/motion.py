@@ -59,9 +59,8 @@ class Velocity:
 def times_of(frames: Floats, places: Floats, variance: Floats) -> Floats:
     """Return the times of frames, some of which a camera dropped or repeated unseen : (n,) array, in frames."""
     # steps from frame to frame are almost alike: where one is twice as long, a frame is missing
-    apart = np.diff(frames)
     steps = np.diff(places)
-    step = float(np.median(steps / apart))
+    step = float(np.median(steps / np.diff(frames)))
     if abs(step) < _DISTINCT * np.sqrt(2.0 * float(variance.max())):
         return frames
     passed = np.rint(steps / step)

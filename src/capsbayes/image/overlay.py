@@ -153,12 +153,10 @@ def _write(pixels: NDArray[np.uint8], words: str, letter: int, at: tuple[int, in
 def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
     walls = walls.centred_at(0.5 * (columns - 1))
     reach = 0.6 * columns
-    dash, gap = _DASHES if walls.stated else (2.0 * reach, 0.0)
-    wall = walls.half_width
+    wall, (dash, gap) = walls.half_width, _DASHES if walls.stated else (2.0 * reach, 0.0)
     lines = [(-wall, dash, gap, WALL), (wall, dash, gap, WALL), *([(0.0, *_DOTS, WALL)] if walls.stated else [])]
-    for side, off in zip((-1.0, 1.0), walls.off_band, strict=True):
-        if off:
-            lines.append((side * (wall - off), *_DASHES, DOUBT))
+    sides = zip((-1.0, 1.0), walls.off_band, strict=True)
+    lines += [(side * (wall - off), *_DASHES, DOUBT) for side, off in sides if off]
     for place, drawn, skipped, colour in lines:
         start = walls.middle + place * walls.across
         for first in np.arange(-reach, reach, drawn + skipped):
@@ -167,13 +165,10 @@ def _walls(canvas: _Canvas, walls: WallLines, columns: int) -> None:
 
 def _outline(canvas: _Canvas, outline: EdgeOutline) -> None:
     points, erased = outline.points, outline.erased
-    if not erased.any():
-        canvas.line(list(points), OUTLINE, closed=True)
-        return
     for run in runs(erased):
         parts = [run] if not erased[run[0]] else [run[k : k + 2] for k in range(1, len(run), _EVERY)]
         for part in parts:
-            canvas.line(list(points[part]), OUTLINE)
+            canvas.line(list(points[part]), OUTLINE, closed=not erased.any())
 
 
 def _lengths(canvas: _Canvas, detection: Detection, nose: float) -> None:

@@ -219,8 +219,7 @@ def _without_velocity(file: RtdcFile) -> InputError:
 
 
 def _check_channel(file: RtdcFile, experiment: Experiment, pixel_size: Quantity) -> None:
-    width = 2.0 * experiment.half_width.mean
-    where = experiment.source or "experiment"
+    width, where = 2.0 * experiment.half_width.mean, experiment.source or "experiment"
     if abs(width / file.channel_width - 1.0) > _WIDTHS:
         expected = f"half of the {1e6 * file.channel_width:g} um of the channel in {file.path}"
         raise InputError(where, "half_width", expected, f"{0.5e6 * width:g} um")

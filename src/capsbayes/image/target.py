@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capsbayes.errors import InputError
-from capsbayes.image.background import Blob, Contrast, estimate_background, find_blobs, transmission
+from capsbayes.image.background import Contrast, estimate_background, find_blobs, transmission
 from capsbayes.image.by_hand import ByHand, uncertain
 from capsbayes.image.edges import EDGE_FLOOR, EdgeOutline, locate_edge, pixel_noise, points_variance
 from capsbayes.image.files import Picture
@@ -63,12 +63,9 @@ def _round_edge(picture: Picture, contrast: str | None) -> EdgeOutline:
     blobs = [blob for blob in find_blobs(light, whole, noise) if blob.status is not Status.DEBRIS]
     outline = locate_edge(light, blobs[0].polygon, noise) if len(blobs) == 1 and blobs[0].status.ok else None
     if outline is None:
-        raise InputError(picture.source or "picture", "", "one round target in its middle", _seen(blobs), "crop it")
+        got = str(blobs[0].status) if len(blobs) == 1 else f"{len(blobs) or 'no'} dark objects"
+        raise InputError(picture.source or "picture", "", "one round target in its middle", got, "crop it")
     radii = np.hypot(*(outline.points - outline.points.mean(axis=0)).T)
     if (away := float(radii.std() / radii.mean())) > _ROUND:
         raise InputError(picture.source or "picture", "", "a round target", f"an outline {away:.1%} off a circle")
     return outline
-
-
-def _seen(blobs: list[Blob]) -> str:
-    return str(blobs[0].status) if len(blobs) == 1 else f"{len(blobs) or 'no'} dark objects"
