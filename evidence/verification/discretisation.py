@@ -185,7 +185,8 @@ def largest_tension() -> Topic:
 
 
 def _with_tension(case: tuple[float, float], refinement: int) -> str:
-    return "Ca = {:g}, a/l = {:g}, {}".format(*case, on_mesh(refinement))
+    capillary_number, size_ratio = case
+    return f"Ca = {capillary_number:g}, a/l = {size_ratio:g}, {on_mesh(refinement)}"
 
 
 def _tension_of(case: tuple[float, float], refinement: int) -> Values:
