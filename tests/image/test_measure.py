@@ -430,6 +430,15 @@ def test_a_channel_that_runs_up_and_down_is_named_and_turned_when_asked(backgrou
     np.testing.assert_allclose(turned.lengths, measured(MADE.picture, background).lengths)
 
 
+@pytest.mark.parametrize("axis", [0, 1, (0, 1)], ids=["across the flow", "along the flow", "upside down"])
+def test_a_mirrored_picture_is_measured_as_it_is(axis):
+    """To 0.01 px, a tenth of the error; to half of the error in noise, as samples of the edge begin elsewhere."""
+    clean = drawn(0.08, 1.05, half_width=55.0, optics=Optics(electrons=1e9))
+    plain, mirrored = (detect(Picture.from_array(seen)) for seen in (clean.picture, np.flip(clean.picture, axis)))
+    assert (plain.flow, mirrored.flow) == (1, 1 if axis == 0 else -1)
+    np.testing.assert_allclose(mirrored.lengths, plain.lengths, rtol=0.0, atol=0.01)
+
+
 def test_a_turned_channel_whose_pixels_are_stated_and_a_turned_film(tmp_path):
     upright, size = Picture.from_array(np.rot90(MADE.picture)), "0.4167 +/- 0.004 um"
     placed = detect(upright, by_hand=ByHand(rotate=90, pixel_size=size, axis=79.5), half_width="25 +/- 0.2 um")

@@ -90,6 +90,7 @@ class PictureStep:
             )
             for name, label, options in chosen:
                 self._hand[name] = choice(label, options, "", on_change=partial(self._state, name))
+            self._hand["rotate"].props('hint="A mirrored picture needs nothing."')
             self._field("gamma", "Gamma of the camera, as 2.2")
         with ui.row():
             button("Turn the flow round", self._turn)
