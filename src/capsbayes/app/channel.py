@@ -47,8 +47,8 @@ _FIRST = {
         ("mm/s", "um/s", "m/s"),
         _CAPSULE,
         "The distance that the capsule moves between two frames, over the time between them: 12 µm from one frame to "
-        "the next at 500 frames per second are 6 mm/s. The spread over several frames shows the error. A film shows "
-        "the velocity by itself: give it in step 6.",
+        "the next at 500 frames per second are 6 mm/s. The spread over several frames shows the error. A film with its "
+        "frame rate gives it by itself, in step 6.",
     ),
     "flow_rate": _Field(
         "Or flow rate in the channel",
