@@ -116,10 +116,6 @@ class ChannelStep:
         for name, field in self.fields.items():
             field.text = str(texts.get(name, ""))
 
-    def forget_velocity(self) -> None:
-        """Clear the velocity, which was that of an earlier capsule."""
-        self.fields["velocity"].text = ""
-
     def _of(self, what: str) -> dict[str, str]:
         return {name: self.fields[name].text for name, about in _FIELDS.items() if about.of == what}
 

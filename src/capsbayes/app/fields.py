@@ -28,8 +28,7 @@ FLOWS = {"": "found from the shape", "right": "to the right", "left": "to the le
 
 def step(title: str) -> ui.card:
     """Return the card of a step of the page, to be filled."""
-    card = ui.card().classes("bench-step")
-    with card:
+    with ui.card().classes("bench-step") as card:
         ui.html(f"<h2>{title}</h2>", sanitize=False)
     return card
 
@@ -194,11 +193,11 @@ class Progress:
             self._words = ui.label().classes("bench-told")
         self._all.visible = False
 
-    def show(self, done: float, total: float | None, what: str) -> None:
+    def show(self, done: float, total: float | None, what: str, of: str = "") -> None:
         """Show how much of something is done."""
         self._bar.props(remove="indeterminate" if total else "", add="" if total else "indeterminate")
         self._bar.value = done / total if total else 0.0
-        self._words.text = f"{done:g} of {total:g} {what}" if total else f"{done:g} {what}"
+        self._words.text = (f"{done:g} of {total:g} {what}" if total else f"{done:g} {what}") + of
 
     @contextlib.contextmanager
     def shown(self) -> Iterator[None]:

@@ -23,17 +23,8 @@ export default {
     </svg>
     <p v-if="placed" class="bench-told">{{ apart }}</p></div>`,
   props: {
-    src: String,
-    columns: Number,
-    rows: Number,
-    walls: Array,
-    outline: Array,
-    rear: Array,
-    predicted: Array,
-    crop: Array,
-    erased: Array,
-    byHand: Boolean,
-    drawing: Boolean,
+    src: String, columns: Number, rows: Number, byHand: Boolean, drawing: Boolean,
+    walls: Array, outline: Array, rear: Array, predicted: Array, crop: Array, erased: Array,
     width: Number, // of the channel in micrometres, 0 where it is not known
   },
   data() {
@@ -89,10 +80,7 @@ export default {
       this.held = null;
     },
     shift(k, by) {
-      const moved = [...this.placed];
-      moved[2 * k] += by;
-      moved[2 * k + 1] += by;
-      this.placed = moved;
+      this.placed = this.placed.map((row, end) => (end >> 1 === k ? row + by : row));
     },
     key(event, k) {
       const sense = { ArrowUp: -1, ArrowDown: 1 }[event.key];

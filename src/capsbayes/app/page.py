@@ -30,7 +30,7 @@ def bench_page(bench: Bench) -> None:
         measured = measured if good is None else good
         before, folder = folder, desk.folder
         if before not in (None, folder):
-            channel.forget_velocity()
+            channel.fields["velocity"].text = ""  # it was that of an earlier capsule
         if desk.folder is None:
             missing = "Give a picture first."
         elif not measured:

@@ -67,7 +67,8 @@ class AccessControl:
         asked = HTTPConnection(scope)
         brings = scope.get("method") == "GET" and _same(asked.query_params.get("token", ""), self._token)
         within = scope["path"].startswith(f"{self._place}/")
-        if not (within and (brings or self._is_known(asked.headers)) and self._is_here(asked.headers)):
+        known = any(_same(kept.strip(), self._cookie) for kept in asked.headers.get("cookie", "").split(";"))
+        if not (within and (brings or known) and self._is_here(asked.headers)):
             answer = PlainTextResponse("This page is opened by the address that capsbayes app printed last.", 403)
             await (WebSocketClose(1008) if scope["type"] == "websocket" else answer)(scope, receive, send)
         elif brings:
@@ -76,9 +77,6 @@ class AccessControl:
             await PlainTextResponse(f"At most {MOST_BYTES >> 20} MB.", 413)(scope, receive, send)
         else:
             await self._app({**scope, "root_path": self._place}, _capped(receive), _marked(send))
-
-    def _is_known(self, headers: Headers) -> bool:
-        return any(_same(kept.strip(), self._cookie) for kept in headers.get("cookie", "").split(";"))
 
     def _is_here(self, headers: Headers) -> bool:
         """Refuse the name of another host, by which a foreign page would reach this one, and requests of such pages."""
@@ -133,17 +131,6 @@ def _capped(receive: Any) -> Any:
     return capped
 
 
-def _served(bench: Bench) -> FastAPI:
-    """Return the application that serves a bench; that of posteriors starts with the first picture, and has time."""
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.include_router(bench.router())
-    pages.on_startup(bench.measuring.start)
-    pages.on_shutdown(bench.stop)
-    looks: dict[str, Any] = {"title": "capsbayes", "dark": None, "show_welcome_message": False, "tailwind": False}
-    ui.run_with(app, root=lambda: bench_page(bench), reconnect_timeout=30.0, **looks)
-    return app
-
-
 def make_private(folder: Path) -> None:
     """Make a folder, or the one that is there, one that no other user of this machine can enter.
 
@@ -187,12 +174,18 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
         listening.listen()  # a browser that is faster than the server waits
         bench = Bench(folder)
         make_private(bench.folder)
+        app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+        app.include_router(bench.router())
+        pages.on_startup(bench.measuring.start)  # that of posteriors starts with the first picture, and has time
+        pages.on_shutdown(bench.stop)
+        looks: dict[str, Any] = {"title": "capsbayes", "dark": None, "show_welcome_message": False, "tailwind": False}
+        ui.run_with(app, root=lambda: bench_page(bench), reconnect_timeout=30.0, **looks)
 
         def used() -> None:
             until_used.close()
             print(f"The page was opened. To open it in another browser: {gate.address}", flush=True)
 
-        gate = AccessControl(_served(bench), listening.getsockname()[1], used)
+        gate = AccessControl(app, listening.getsockname()[1], used)
 
         def ready() -> None:
             kept = f"Capsules are kept in {bench.folder}, which only you can enter; Ctrl-C ends it."

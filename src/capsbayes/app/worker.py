@@ -29,7 +29,6 @@ FAILED = (
     "The file could not be read or computed with: the process that tried was ended. Nothing that was saved is lost."
 )
 
-
 LONGEST_COMMAND = 1800.0
 """Seconds of a command."""
 
@@ -96,12 +95,9 @@ class Worker:
             self._pipe.send(task)
             good, answer = _received(self._pipe, seconds)
             return answer if good else WorkFailedError(answer)
-        except TimeoutError as error:
-            reason = str(error)
-        except (EOFError, OSError):
-            reason = FAILED
-        self.stop()
-        return WorkFailedError(reason)
+        except (EOFError, OSError) as error:
+            self.stop()
+            return WorkFailedError(error if isinstance(error, TimeoutError) else FAILED)
 
 
 def _received(pipe: Connection, seconds: float) -> Any:
@@ -181,9 +177,7 @@ async def _watched(stream: asyncio.StreamReader, watch: Watch) -> str:
     """Hand on the lines of progress; return the others."""
     others = []
     async for line in stream:
-        text = line.decode(errors="replace")
-        progress = line_read(text)
-        if progress is None:
+        if (progress := line_read(text := line.decode(errors="replace"))) is None:
             others.append(text)
         else:
             watch(*progress)
