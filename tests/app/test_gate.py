@@ -127,6 +127,13 @@ def test_nothing_may_be_fetched_from_elsewhere(client):
     headers = client.get("/").headers
     assert "default-src 'self'" in headers["content-security-policy"]
     assert headers["referrer-policy"] == "no-referrer"
+    assert "sandbox" not in headers["content-security-policy"]
+
+
+def test_a_report_which_may_be_of_another_person_reaches_nothing_of_the_bench(client):
+    client.enter()
+    policies = client.get(client.offered).headers.get_list("content-security-policy")
+    assert [policy.partition(" ")[0] for policy in policies] == ["sandbox", "default-src"]
 
 
 @pytest.mark.parametrize("headers", [{"host": "evil.example:8123"}, {"origin": "http://evil.example"}])

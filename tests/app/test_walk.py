@@ -255,9 +255,55 @@ DROPPED = """(pictures) => {
   const folder = { name: "batch", isFile: false, isDirectory: true };
   folder.createReader = () => ({ readEntries: (found) => found(some.shift()) });
   const event = new Event("drop", { bubbles: true, cancelable: true });
-  event.dataTransfer = { types: ["Files"], items: [{ webkitGetAsEntry: () => folder }] };
-  document.querySelector(".bench-many").dispatchEvent(event);
+  const [entry, place] = files.length > 1 ? [folder, ".bench-many"] : [files[0], "h1"];
+  event.dataTransfer = { types: ["Files"], items: [{ webkitGetAsEntry: () => entry }] };
+  document.querySelector(place).dispatchEvent(event);
 }"""
+
+
+def test_all_capsules_are_saved_in_one_file_and_loaded_into_an_empty_bench(browser, tmp_path):
+    kept = tmp_path / "kept.zip"
+    with served(tmp_path / "one") as (_, address):
+        page, said = opened(browser, address)
+        save = page.get_by_role("button", name="Save all in one file")
+        save.click()
+        page.get_by_text("expected capsules that fit into 512 MB, got none").wait_for()
+        page.get_by_role("button", name="Try the example").click()
+        page.get_by_text("The capsule was measured").wait_for()
+        ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+        ready(page.get_by_role("button", name="Save the report")).click()
+        page.get_by_text("1 capsule in").wait_for()
+        with page.expect_download() as download:
+            tabbed(page, ready(save))
+            page.keyboard.press("Enter")
+        assert re.fullmatch(r"capsbayes-bench-\d{4}-\d\d-\d\d\.zip", download.value.suggested_filename)
+        download.value.save_as(kept)
+        wait_until(lambda: not (tmp_path / "one" / ".bench.zip").exists())
+        assert said == []
+        page.close()
+    with served(tmp_path / "other") as (_, address):
+        page, said = opened(browser, address)
+        page.get_by_text("0 capsules in").wait_for()
+        many = page.locator("input[type=file][multiple]")
+        many.set_input_files({"name": "wrong.zip", "mimeType": "", "buffer": b"no archive"})
+        page.get_by_text("wrong.zip: expected a file in which step 7 saved all capsules").wait_for()
+        page.evaluate(DROPPED, {"kept.zip": base64.b64encode(kept.read_bytes()).decode()})
+        page.get_by_text("kept.zip: 1 folder loaded. Step 7 lists the capsules.").wait_for()
+        page.get_by_text("1 capsule in").wait_for()
+        page.get_by_text("List of them").click()
+        with page.context.expect_page() as report:
+            page.get_by_role("link", name="report", exact=True).click()
+        report.value.get_by_text("The computation succeeded").first.wait_for()
+        report.value.close()
+        page.get_by_role("button", name="Open example again").click()
+        page.get_by_text("The capsule was measured, the flow is to the right").wait_for()
+        assert page.get_by_label("Velocity of the capsule", exact=True).input_value() == "4.86"
+        ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+        ready(page.get_by_role("button", name="Save the report")).click()
+        page.get_by_role("link", name="Open the report").wait_for()
+        assert [path.name for path in (tmp_path / "other").iterdir()] == ["example"]
+        assert said == []
+        page.close()
 
 
 def test_a_field_says_what_is_wrong_with_it_when_it_is_left_and_reads_a_decimal_comma(bench, browser):

@@ -12,7 +12,9 @@ from typing import Any
 
 from fastapi import APIRouter, HTTPException
 from fastapi.responses import FileResponse
+from starlette.background import BackgroundTask
 
+from capsbayes.app.archive import PACKED
 from capsbayes.app.stated import EXPERIMENT, STATED, Stated, page_words
 from capsbayes.app.worker import Worker, WorkFailedError
 from capsbayes.errors import CapsbayesError
@@ -85,7 +87,9 @@ class Bench:
             path = self._offered.get(key)
             if path is None or not path.is_file():
                 raise HTTPException(404)
-            return FileResponse(path)
+            sent = BackgroundTask(path.unlink, missing_ok=True) if path.name == PACKED else None
+            apart = {"content-security-policy": "sandbox allow-scripts allow-popups"}  # it may be another person's
+            return FileResponse(path, headers=apart, background=sent)
 
         return router
 

@@ -30,7 +30,9 @@ const dropped = async (event) => {
   const many = fields.find((field) => field.querySelector("input").multiple);
   const own = event.target.closest(".bench-upload") || event.target.closest(".bench-step")?.querySelector(".bench-upload");
   const files = (await Promise.all(entries.map(within))).flat();
-  const field = files.length > 1 || entries[0]?.isDirectory ? many : own || fields[0];
+  const takes = (field) => kinds(field).some((end) => files[0]?.name.toLowerCase().endsWith(end));
+  const one = [own, ...fields].find((field) => field && takes(field)) || own || fields[0];
+  const field = files.length > 1 || entries[0]?.isDirectory ? many : one;
   const taken = (file) => !entries.some((one) => one.isDirectory) || kinds(field).some((end) => file.name.toLowerCase().endsWith(end));
   getElement(Number(field.id.slice(1))).$refs.qRef.addFiles(files.filter(taken));
 };

@@ -6,6 +6,8 @@ import asyncio
 import hashlib
 import html
 import shutil
+import tempfile
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +17,8 @@ from typing import Any
 from nicegui import events, ui
 
 from capsbayes.app import fields
-from capsbayes.app.desk import Desk
+from capsbayes.app.archive import PACKED
+from capsbayes.app.desk import LONGEST, MOST_BYTES, Desk
 from capsbayes.app.fields import Progress, QuantityField, button, step
 from capsbayes.app.stated import (
     EVENTS,
@@ -40,6 +43,7 @@ _NO_VELOCITY = (
 _ENOUGH = 12  # capsules for a diagnosis, half of which are held out
 _MOST_LISTED = 200  # capsules
 _REPORT = "report.html"
+_TAKEN = (*KINDS, ".zip")
 
 
 @dataclass
@@ -58,11 +62,6 @@ class _File:
     def say(self, text: str, kind: str = "bench-message") -> None:
         self.status.text = text
         self.status.classes(replace=kind)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 class ManyStep:
@@ -84,12 +83,12 @@ class ManyStep:
         self._kept: dict[str, Path] = {}  # folders by the hash of the content of the file in them
         self._running: asyncio.Task[None] | None = None
         with step("6. Films, .rtdc files, many pictures").classes("bench-many"):
-            ui.label("They are measured with the channel and the liquid of step 3, and added to all capsules.")
+            ui.label("They are measured as step 3 states, and added to all capsules. What step 7 saved is loaded here.")
             ui.label(
                 "Each capsule has a velocity of its own, which a film shows: state the flow rate in step 3, or the "
                 "velocity next to each picture. One velocity for the events of a file needs its spread as the error."
             )
-            fields.upload("Drop files or a folder here, or choose with +", KINDS, self._given, "many", multiple=True)
+            fields.upload("Drop files or a folder here, or choose with +", _TAKEN, self._given, "many", multiple=True)
             self._pixel = QuantityField("Size of a pixel of an .rtdc file", ("um", "nm"))
             self._fields = {**channel, "pixel_size": self._pixel}
             self._flow = fields.choice("Flow in all of them", fields.FLOWS, "")
@@ -104,13 +103,17 @@ class ManyStep:
 
     async def _given(self, event: events.UploadEventArguments) -> None:
         """Keep a file in a folder of its own, and show it."""
-        name = safe_name(event.file.name)
+        name = safe_name(event.file.name, _TAKEN)
         if name is None:
-            self._message.text = f"{event.file.name}: expected one of {', '.join(KINDS)}."
+            self._message.text = f"{event.file.name}: expected one of {', '.join(_TAKEN)}."
+            return
+        if name.endswith(_TAKEN[-1]):
+            await self._load(event, name)
             return
         folder = new_folder(self.desk.bench.folder, name.rpartition(".")[0])
         await event.file.save(folder / name)
-        sha256 = await asyncio.to_thread(_sha256, folder / name)
+        with (folder / name).open("rb") as kept:
+            sha256 = (await asyncio.to_thread(hashlib.file_digest, kept, "sha256")).hexdigest()
         if (same := self._kept.setdefault(sha256, folder)) != folder:
             shutil.rmtree(folder)
             self._message.text = f"{event.file.name} was given before, as {same.name}, and is left out."
@@ -139,6 +142,22 @@ class ManyStep:
         self._files.append(file)
         self._compare(file, fill=True)
         self._start.enabled = self._running is None
+
+    async def _load(self, event: events.UploadEventArguments, name: str) -> None:
+        """Take back the capsules that were saved in one file."""
+        bench = self.desk.bench
+        with tempfile.TemporaryDirectory(prefix=".", dir=bench.folder) as place:
+            await event.file.save(kept := Path(place) / name)
+            try:
+                new, known = await bench.measuring.run(
+                    "unpacked", seconds=LONGEST, folder=str(bench.folder), name=str(kept)
+                )
+                left = f", {known} left out, whose pictures are here already" * bool(known)
+                words = f"{name}: {counted(new, 'folder')} loaded{left}. Step 7 lists the capsules."
+                ui.notify(words, type="positive", timeout=10_000)
+            except WorkFailedError as error:
+                self._message.text = str(error)
+        self._grown()
 
     def _compare(self, file: _File, *, fill: bool = False) -> None:
         """Say in which numbers file and fields differ; `fill` puts those of the file into fields that are empty."""
@@ -198,12 +217,9 @@ class ManyStep:
 
     async def _measure(self, file: _File, words: list[str]) -> bool:
         """Measure a file; return whether a capsule was measured in it."""
-
-        def watch(done: float, total: float | None, what: str) -> None:
-            self._progress.show(done, total, f"{what} of {file.name}")
-
         file.status.text = "is measured"
         try:
+            watch = partial(self._progress.show, of=f" of {file.name}")
             status, printed = await printed_by(words[1:], file.folder, watch, limited=True)
         except asyncio.CancelledError:
             file.status.text = "waits"
@@ -248,6 +264,7 @@ class PopulationStep:
                 self._together = button("Look at all together", self._population)
                 self._flow = button("At which flow rate next?", self._design)
                 self._diagnose = button("What does the model miss?", self._diagnosis)
+                self._all = button("Save all in one file", self._save)
             self._waiting = Progress()
             self._stop = button("Stop", lambda: self._running and self._running.cancel())
             self._result = fields.result()
@@ -290,6 +307,17 @@ class PopulationStep:
         """Give the measurement of a capsule a name that no command reads; its files stay."""
         (folder / MEASUREMENT).replace(folder / f"removed-{MEASUREMENT}")
         self.grown()
+
+    async def _save(self) -> None:
+        """Download the folders of all capsules in one file, which step 6 takes."""
+        bench, self._all.enabled = self.desk.bench, False
+        try:
+            await bench.measuring.run("packed", seconds=LONGEST, folder=str(bench.folder), most=MOST_BYTES)
+            ui.download.from_url(bench.offer(bench.folder / PACKED), time.strftime("capsbayes-bench-%Y-%m-%d.zip"))
+        except WorkFailedError as error:
+            ui.notify(str(error), type="negative", timeout=10_000)
+        finally:
+            self._all.enabled = True
 
     def _population(self) -> None:
         batch = ["capsbayes", "batch", ".", "--out", "population.nc", "--check", "0"]

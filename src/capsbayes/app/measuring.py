@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from capsbayes.app.archive import packed, unpacked
 from capsbayes.app.stated import EVENTS, EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, Stated, page_words
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
@@ -99,15 +100,12 @@ def _rows(detection: Detection) -> list[tuple[str, str, str]]:
     """Return what was measured: name, in px, and over l."""
     if not detection.status.ok:
         return []
-    table = detection.table()
     rows: list[tuple[str, str, str]] = []
-    for name, _, value, error, ratio, ratio_error in table.itertuples():
+    for name, _, value, error, ratio, ratio_error in detection.table().itertuples():
         if name in ("L_z", "L_a", "l"):
-            seen = bool(np.isfinite(value))
-            over = "" if name == "l" or not seen else f"{ratio:.4f} ± {ratio_error:.4f}"
-            rows.append(
-                (typeset("ℓ" if name == "l" else name), f"{value:.2f} ± {error:.2f}" if seen else "not seen", over)
-            )
+            seen = f"{value:.2f} ± {error:.2f}" if np.isfinite(value) else "not seen"
+            over = f"{ratio:.4f} ± {ratio_error:.4f}" if name != "l" and np.isfinite(value) else ""
+            rows.append((typeset("ℓ" if name == "l" else name), seen, over))
     return rows
 
 
@@ -117,4 +115,4 @@ def warm() -> None:
     detect(Picture.read(EXAMPLE_PICTURE))
 
 
-TASKS = {task.__name__: task for task in (shown, measured)}
+TASKS = {task.__name__: task for task in (shown, measured, packed, unpacked)}

@@ -83,12 +83,8 @@ class PictureStep:
             self._field("erase", "Wrong outline: left, top, width, height; ...")
             self._erasing = ui.switch("erase in the picture", on_change=lambda: self._let_draw(erase=True))
         with ui.row():
-            chosen = (
-                ("flow", "Flow", FLOWS),
-                ("contrast", "Capsule and walls", _CONTRASTS),
-                ("rotate", "Turned", _TURNS),
-            )
-            for name, label, options in chosen:
+            labels = {"flow": "Flow", "contrast": "Capsule and walls", "rotate": "Turned"}
+            for (name, label), options in zip(labels.items(), (FLOWS, _CONTRASTS, _TURNS), strict=True):
                 self._hand[name] = choice(label, options, "", on_change=partial(self._state, name))
             self._hand["rotate"].props('hint="A mirrored picture needs nothing."')
             self._field("gamma", "Gamma of the camera, as 2.2")

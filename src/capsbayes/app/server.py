@@ -109,7 +109,8 @@ def _marked(send: Any) -> Any:
 
     async def marked(message: Any) -> None:
         if message["type"] == "http.response.start":
-            MutableHeaders(scope=message).update(_HEADERS)
+            for header in _HEADERS.items():
+                MutableHeaders(scope=message).append(*header)
         await send(message)
 
     return marked

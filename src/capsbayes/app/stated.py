@@ -99,14 +99,14 @@ class Stated:
         options |= {"background": self.background, "flow": self.flow}
         how = "".join(f", {name}={text!r}" for name, text in options.items() if text)
         how += f", by_hand=ByHand({by_hand})" if by_hand else ""
-        first = f'known = cb.Experiment.read("{EXPERIMENT}")\nmeasurement = cb.measure("{self.picture}", known{how})'
+        first = f'known = cb.Experiment.read("{EXPERIMENT}")\nmeasurement = cb.measure({self.picture!r}, known{how})'
         if self.measured:
-            first = f'measurement = cb.Measurement.read("{self.measured}")\n'
+            first = f"measurement = cb.Measurement.read({self.measured!r})\n"
             first += f'known = cb.Experiment.read(measurement.experiment_file or "{EXPERIMENT}")'
         model, membrane = 'cb.Surrogate.open(f"{known.cross_section}-neo-hookean", view=view)', ""
         if self.membrane:
             model = "cb.MembraneSurrogate.open(known.cross_section, view=view)"
-            membrane = f', membrane=cb.Membrane("{self.membrane}")'
+            membrane = f", membrane=cb.Membrane({self.membrane!r})"
         membrane += f", prior=cb.Prior({priors})" if priors else ""
         return f"""import os
 
@@ -116,7 +116,7 @@ os.chdir({str(folder)!r})
 {first}
 view = "mid-plane" if measurement.outline is None else measurement.outline.view
 model = {model}
-posterior = cb.identify(measurement, model, known, engine="{self.engine}", seed={SEED}{membrane})
+posterior = cb.identify(measurement, model, known, engine={self.engine!r}, seed={SEED}{membrane})
 print(posterior)
 posterior.write("posterior.nc")
 cb.write_report(posterior, "report.html")
