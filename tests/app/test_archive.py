@@ -1,10 +1,13 @@
 """All capsules of a bench in one file, and back, without its page."""
 
+import pytest
+
+pytest.importorskip("nicegui", reason="the extra app is not installed")
+
 import shutil
 import zipfile
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
 from capsbayes.app import archive
