@@ -591,12 +591,16 @@ def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
 
 def step_task(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T]) -> Callable[..., T]:
     """Return `step_of` as a task for `run_tasks`: wherever it runs, it keeps its result where this process would."""
-    return keeping_steps(lambda *shared: step_of(kind, key, functools.partial(compute, *shared)))
+    return keeping_steps(functools.partial(_step, kind, key, compute))
 
 
 def keeping_steps(task: Callable[..., T]) -> Callable[..., T]:
     """Return a task for `run_tasks` that keeps the results of its own steps where this process would."""
     return functools.partial(_with_store, _current.get(), task)
+
+
+def _step(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
+    return step_of(kind, key, functools.partial(compute, *shared))
 
 
 def _with_store(store: Store | None, task: Callable[..., T], *shared: Any) -> T:

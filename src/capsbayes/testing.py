@@ -153,9 +153,14 @@ def _has_true_derivatives(law: MembraneLaw) -> str:
     _, w1, w2, w11, w12, w22 = law.derivatives(i1, i2)
     by_i1 = _differences(law.derivatives(i1 + _STEP, i2), law.derivatives(i1 - _STEP, i2))
     by_i2 = _differences(law.derivatives(i1, i2 + _STEP), law.derivatives(i1, i2 - _STEP))
-    stated = (("w1", w1), ("w2", w2), ("w11", w11), ("w12", w12), ("w12", w12), ("w22", w22))
-    found = by_i1[0], by_i2[0], by_i1[1], by_i1[2], by_i2[1], by_i2[2]
-    return _first(*(_difference(*one, other, at=_STRETCHES) for one, other in zip(stated, found, strict=True)))
+    return _first(
+        _difference("w1", w1, by_i1[0], at=_STRETCHES),
+        _difference("w2", w2, by_i2[0], at=_STRETCHES),
+        _difference("w11", w11, by_i1[1], at=_STRETCHES),
+        _difference("w12", w12, by_i1[2], at=_STRETCHES),
+        _difference("w12", w12, by_i2[1], at=_STRETCHES),
+        _difference("w22", w22, by_i2[2], at=_STRETCHES),
+    )
 
 
 def _differences(up: tuple[Floats, ...], down: tuple[Floats, ...]) -> list[Floats]:

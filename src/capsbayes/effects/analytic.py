@@ -22,8 +22,9 @@ def displaced(prediction: Prediction, across: Floats, along_flow: Floats) -> Pre
     # The latter is the additional displacement where the normal is along the flow, elsewhere in proportion to its
     # component.
     longer = 2.0 * (across + along_flow)
-    lengths = {name: getattr(prediction, name) + longer for name in ("axial_extent", "axial_length")}
-    moved = replace(prediction, **lengths)
+    moved = replace(
+        prediction, axial_extent=prediction.axial_extent + longer, axial_length=prediction.axial_length + longer
+    )
     if prediction.outline is None:
         return moved
     normals = vertex_normals(prediction.outline)

@@ -90,10 +90,11 @@ def _of_imagej(raw: bytes, where: str) -> Floats:
     if magic != b"Iout" or kind not in _CLOSED:
         got = "another file" if magic != b"Iout" else f"a ROI of type {kind}"
         raise InputError(where, "", "an ImageJ polygon, freehand or traced ROI", got)
-    kind_of, start, origin = ">i2", _POINTS, (left, top)
     if options & _SUB_PIXEL and version >= _WITH_FLOATS:
-        kind_of, start, origin = ">f4", _POINTS + 4 * count, (0, 0)
-    return np.frombuffer(raw, kind_of, 2 * count, start).reshape(2, count).T + np.array(origin, dtype=np.float64)
+        pairs = np.frombuffer(raw, ">f4", 2 * count, _POINTS + 4 * count).reshape(2, count)
+        return pairs.T.astype(np.float64)
+    pairs = np.frombuffer(raw, ">i2", 2 * count, _POINTS).reshape(2, count)
+    return pairs.T.astype(np.float64) + np.array([left, top])
 
 
 def _of_labelme(raw: bytes, where: str) -> Floats:

@@ -81,11 +81,12 @@ class EdgeErrors:
         kept = ~outline.erased
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
-        of_shift, (of_line, in_line) = _OF_SHIFT * detection.shift, np.array([_OF_LINE, _OF_REAR]) * detection.middle
-        misfit = np.hypot(np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), of_shift), of_line)
+        misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
+        misfit = np.hypot(misfit, _OF_LINE * detection.middle)
         facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
-        band = float(np.hypot(np.sqrt(rear - nose) if rear > _BAND * nose else 0.0, in_line))
+        band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
+        band = float(np.hypot(band, _OF_REAR * detection.middle))
         return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band)
 
 

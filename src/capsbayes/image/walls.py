@@ -204,9 +204,13 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
     walls = [(side == below) & fit.kept for side in (0.0, 1.0)]
     dark, step = (np.array([median(lines.coefficients[wall, of]) for wall in walls]) for of in (0, 2))
     variance += (_OF_STEP * width**2 * float(np.mean(step / dark * [1.0, -1.0]))) ** 2
-    apart = float(np.ptp([median(lines.width[wall]) for wall in walls]))
-    broad, rough, unlike = width > _BROAD, fit.spread > _ROUGH, apart > _UNLIKE * width
-    variance += broad * (_OF_BROAD * width) ** 2 + rough * fit.spread**2 + unlike * apart**2
+    of_upper, of_lower = (median(lines.width[wall]) for wall in walls)
+    if width > _BROAD:
+        variance += (_OF_BROAD * width) ** 2
+    if fit.spread > _ROUGH:
+        variance += fit.spread**2
+    if abs(of_upper - of_lower) > _UNLIKE * width:
+        variance += (of_upper - of_lower) ** 2
     return WallLines(
         centre_row=float(0.5 * (upper + lower)),
         centre_column=middle,

@@ -424,8 +424,15 @@ def measured_file(file: Path, run: Run) -> Measurement:
         if run.experiment is not None:
             missing, advice = "capsule_velocity", "give the flow rate, or a velocity that all share with its spread"
         raise InputError(str(file), missing, "what a picture does not show", "nothing", advice)
-    names = ("background", "flow", "by_hand", "capsule_velocity", "flow_rate")
-    return measure(file, run.experiment, **{name: getattr(run, name) for name in names})
+    return measure(
+        file,
+        run.experiment,
+        background=run.background,
+        flow=run.flow,
+        by_hand=run.by_hand,
+        capsule_velocity=run.capsule_velocity,
+        flow_rate=run.flow_rate,
+    )
 
 
 # The capsules of a run, of a folder, of a table or of a file of outlines, as tasks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +60,13 @@ class Nodes:
 
     def joined(self, other: Nodes) -> Nodes:
         """Return these nodes followed by others."""
-        names = ("log_ca", "size", "side", "cell")
-        both: dict[str, Any] = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        return Nodes(**both, model=self.model.joined(other.model))
+        return Nodes(
+            np.concatenate([self.log_ca, other.log_ca]),
+            np.concatenate([self.size, other.size]),
+            np.concatenate([self.side, other.side]),
+            self.model.joined(other.model),
+            np.concatenate([self.cell, other.cell]),
+        )
 
 
 @dataclass(frozen=True)

@@ -533,9 +533,15 @@ def hierarchy(
     kept = _taking_part(population, least_stretch, model)
     selection = None
     if existence or least_stretch is not None:
-        how: dict[str, Any] = {"viscosity": viscosity.value, "half_width": half_width.value}
-        how |= {"least_stretch": least_stretch, "model": model}
-        selection = Selection.of(population, kept, _limit(population, model), **how)
+        selection = Selection.of(
+            population,
+            kept,
+            _limit(population, model),
+            viscosity=viscosity.value,
+            half_width=half_width.value,
+            least_stretch=least_stretch,
+            model=model,
+        )
     components = np.ascontiguousarray(population["likelihood"][kept])  # in (log G_s, log a), at what all share
     components[:, :, 1] += np.float32(np.log(viscosity.value))
     components[:, :, 2] += np.float32(np.log(half_width.value))

@@ -227,7 +227,8 @@ def modulus_over_laws(
     if measurement.axial_length is None:
         return None
     seen = LengthsLikelihood.of(measurement).with_half_width(experiment.half_width.value, experiment.half_width.error)
-    ends = [(known.low, known.null_value, known.high) for known in map(model.coordinates.__getitem__, _LAW)]
+    coordinates = [model.coordinates[name] for name in _LAW]
+    ends = [(known.low, known.null_value, known.high) for known in coordinates]
     inputs, found = Inputs.of(measurement, experiment), []
     for law in product(*ends):
         place = _nearest(model.fixed(**dict(zip(_LAW, law, strict=True))), seen)

@@ -345,8 +345,12 @@ def subdivided(rule: Rule, times: int) -> Rule:
         return rule
     finer = subdivided(rule, times - 1)
     corner, middle = CORNERS, LOCAL_NODES[3:]
-    quarters = [[corner[0], middle[0], middle[2]], [middle[0], corner[1], middle[1]]]
-    quarters += [[middle[2], middle[1], corner[2]], [middle[1], middle[2], middle[0]]]
+    quarters = [
+        [corner[0], middle[0], middle[2]],
+        [middle[0], corner[1], middle[1]],
+        [middle[2], middle[1], corner[2]],
+        [middle[1], middle[2], middle[0]],
+    ]
     return _joined([_mapped(finer, np.array(quarter)) for quarter in quarters])
 
 

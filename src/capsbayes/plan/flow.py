@@ -186,8 +186,9 @@ def flow_design(
     centre, limit = expectation.centre, expected_range(model, expectation)
     check_model(model, experiment)
     expected_modulus = float(centre.surface_shear_modulus[0])
-    how: dict[str, Any] = {"prior": prior, "surface_shear_modulus": expected_modulus, "noises": noises}
-    predictor = WidthPredictor(model, experiment, errors, **how)
+    predictor = WidthPredictor(
+        model, experiment, errors, prior=prior, surface_shear_modulus=expected_modulus, noises=noises
+    )
     capsules = expectation.drawn(np.random.default_rng(seed), _CAPSULES)
     with threadpool_limits(limits=1):
         table = WidthTable.of(predictor, capsules.size_ratio, progress)

@@ -79,8 +79,10 @@ class WidthPredictor:
 
     def mean_velocity(self, capillary_number: float) -> float:
         """Return U [m/s] of a capsule of the expected G_s."""
-        known = {"viscosity": self.experiment.viscosity.value, "surface_shear_modulus": self.modulus}
-        return float(imposed_velocity(capillary_number=capillary_number, **known))
+        viscosity, modulus = self.experiment.viscosity.value, self.modulus
+        return float(
+            imposed_velocity(viscosity=viscosity, capillary_number=capillary_number, surface_shear_modulus=modulus)
+        )
 
     def without_noise(self, capillary_number: float, size_ratio: float, *, outline: bool) -> Measurement:
         """Return what is measured of a capsule without noise: its lengths, flow rate and, where wanted, its outline."""

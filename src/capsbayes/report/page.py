@@ -92,8 +92,10 @@ def _figure(shown: Markup, caption: str, points: float) -> Markup:
 
 @functools.cache
 def _templates() -> Environment:
-    how: dict[str, Any] = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
-    environment = Environment(loader=PackageLoader("capsbayes.report"), **how)
+    loader = PackageLoader("capsbayes.report")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.globals |= {"message": MESSAGE, "software": SOFTWARE, "article": ARTICLE, "doi": DOI}
     environment.globals |= {"version": capsbayes.__version__, "counted": counted}
     environment.filters |= {"table": html_table, "typeset": typeset, "picture": picture, "drawing": drawing}

@@ -278,9 +278,14 @@ class OwnError:
         largest = np.where(known, np.abs(residuals), 0.0).max(axis=0)
         residuals = np.where(known, residuals, largest)
         products = residuals[:, :, None] * residuals[:, None, :]
-        how: dict[str, Any] = {"degree": 0, "dilation": DILATION, "softening": SOFTENING}
-        how["neighbours"] = min(NEIGHBOURS, len(nodes) - 1)
-        self._field = DiffuseApproximation(nodes, products.reshape(len(products), 9), **how)
+        self._field = DiffuseApproximation(
+            nodes,
+            products.reshape(len(products), 9),
+            degree=0,
+            neighbours=min(NEIGHBOURS, len(nodes) - 1),
+            dilation=DILATION,
+            softening=SOFTENING,
+        )
 
     def shares(self, queries: Floats) -> Floats:
         """Return the non-negative share of each case in the mean at points of the plane : (n, 2) -> (n, m) array."""
@@ -720,8 +725,13 @@ def validate_inverse(database: Database) -> LeaveOneOut:
 
     def answer_without(i: int) -> Floats:
         keep = np.arange(len(whole.parameters)) != i
-        names = ("parameters", "lengths", "velocity_ratio", "contours")
-        rest = Inverse(*(getattr(whole, name)[keep] for name in names))
+        rest = Inverse(
+            whole.parameters[keep],
+            whole.lengths[keep],
+            whole.velocity_ratio[keep],
+            whole.contours[keep],
+            whole.neighbours,
+        )
         answer = rest(axial_extent=whole.lengths[i, 0], axial_length=whole.lengths[i, 1])
         return np.array([answer.capillary_number, answer.size_ratio, answer.velocity_ratio])
 
