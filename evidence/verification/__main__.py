@@ -27,8 +27,8 @@ def main() -> None:
     """Read the arguments and run."""
     arguments = Arguments(
         "verification",
-        "Compute every comparison that is not in the folder yet, and write the page. All of them take a quarter of an "
-        "hour of one core; finished items are kept, so that the command can be stopped and run again. Exit status: 0 "
+        "Compute every comparison that is not in the folder yet, and write the page. All of them take 22 minutes "
+        "of one core; finished items are kept, so that the command can be stopped and run again. Exit status: 0 "
         "no target missed, 1 a target missed, 2 bad input.",
     )
     arguments.add_argument(

@@ -30,7 +30,7 @@ from capsbayes.surrogate import Surrogate
 pytest.importorskip("nicegui", reason="the extra app is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from walk import FIELDS, WAIT, chromium, dragged, filled, opened, ready, served, sync
+from walk import FIELDS, WAIT, chromium, dragged, filled, opened, ready, served, sync, with_example
 
 pytestmark = [needs_browser, pytest.mark.slow]
 
@@ -125,9 +125,7 @@ def test_the_example_leads_to_the_saved_report_by_the_keyboard_alone(bench, brow
 
 def test_what_was_stated_of_a_capsule_is_there_again_after_a_reload(browser, tmp_path):
     with served(tmp_path / "bench") as (_, address):
-        page, said = opened(browser, address)
-        page.get_by_role("button", name="Try the example").click()
-        page.get_by_text("The capsule was measured").wait_for()
+        page, said = with_example(browser, address)
         page.get_by_text("Put something right by hand").click()
         page.get_by_label("Error of either wall in px").fill("2")
         page.get_by_label("Rows of the two walls").fill("19.5, 139.5")
@@ -158,9 +156,7 @@ def test_what_was_stated_of_a_capsule_is_there_again_after_a_reload(browser, tmp
 
 def test_a_result_waits_for_a_page_that_was_closed_while_it_was_computed(browser, tmp_path):
     with served(tmp_path / "bench") as (_, address):
-        page, said = opened(browser, address)
-        page.get_by_role("button", name="Try the example").click()
-        page.get_by_text("The capsule was measured").wait_for()
+        page, said = with_example(browser, address)
         page.get_by_label("Law of the membrane").click()
         page.get_by_role("option", name="unknown").click()
         ready(page.get_by_role("button", name="Identify", exact=True).first).click()
@@ -191,9 +187,7 @@ def test_a_result_waits_for_a_page_that_was_closed_while_it_was_computed(browser
 
 def test_a_prior_is_checked_when_it_is_left_and_stands_in_the_code_and_after_a_reload(browser, tmp_path):
     with served(tmp_path / "bench") as (_, address):
-        page, said = opened(browser, address)
-        page.get_by_role("button", name="Try the example").click()
-        page.get_by_text("The capsule was measured").wait_for()
+        page, said = with_example(browser, address)
         page.get_by_text("More: what is known beforehand").click()
         prior, identify = (
             page.get_by_label("Prior of the shear modulus", exact=True),

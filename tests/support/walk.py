@@ -53,6 +53,14 @@ def opened(browser, address):
     return page, said
 
 
+def with_example(browser, address):
+    """The same with the capsule of the example, which is measured."""
+    page, said = opened(browser, address)
+    page.get_by_role("button", name="Try the example").click()
+    page.get_by_text("The capsule was measured").wait_for()
+    return page, said
+
+
 def filled(page, fields):
     """Fill numbers and their errors into the form."""
     for label, texts in fields.items():
