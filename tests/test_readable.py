@@ -38,7 +38,7 @@ def test_a_posterior_of_a_population_shows_medians_and_intervals():
         name: np.exp(rng.normal(np.log(scale), 0.01, 500))
         for name, scale in zip(names, (0.05, 24e-6, 0.2), strict=True)
     }
-    found = cb.Hierarchy(draws, {}, 30, None, 0.0, (), 1)
+    found = cb.Hierarchy(draws, {}, {}, 30, None, 0.0, (), 1)
     assert repr(found).startswith("<Hierarchy: capsules 30; surface_shear_modulus 5")
     assert "mN/m" in found._repr_html_()
 

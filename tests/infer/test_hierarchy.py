@@ -284,6 +284,57 @@ def test_a_velocity_error_of_all_widens_the_mean_alone(population, found):
     assert wide.marginals["modulus_spread"] == plain.marginals["modulus_spread"]
 
 
+def test_a_stated_median_is_met_as_a_product_of_gaussians(population, found):
+    alone = found.marginals["surface_shear_modulus"]
+    stated = Quantity(1.03 * TRUTH["surface_shear_modulus"], 0.02 * TRUTH["surface_shear_modulus"], "N/m")
+    both = hierarchy(population, seed=1, median_modulus=stated)
+    assert both.passed
+    weights = np.array([alone.sd, stated.sd]) ** -2.0
+    together = both.marginals["surface_shear_modulus"]
+    assert together.mean == pytest.approx(np.average([alone.mean, stated.mean], weights=weights), abs=0.1 * together.sd)
+    assert together.sd == pytest.approx(weights.sum() ** -0.5, rel=0.06)
+    assert both.update.alone.median == pytest.approx(alone.median, abs=0.1 * alone.sd)
+    assert both.update.stated.sd == pytest.approx(stated.sd, rel=0.01)
+    # what all capsules share moves the mean alone: the spreads and the radius stay
+    for name in ("modulus_spread_at_given_size", "radius_spread", "modulus_slope", "capsule_radius"):
+        one, other = both.marginals[name], found.marginals[name]
+        assert abs(one.mean - other.mean) < 0.15 * other.sd, name
+        assert one.sd == pytest.approx(other.sd, rel=0.1), name
+    assert both.shared_share["surface_shear_modulus"] == pytest.approx(
+        found.shared_share["surface_shear_modulus"], abs=0.02
+    )
+
+
+def test_a_stated_median_far_from_the_capsules_is_said(population):
+    twice = Quantity(1.6 * TRUTH["surface_shear_modulus"], 0.1 * TRUTH["surface_shear_modulus"], "N/m")
+    both = hierarchy(population, seed=1, median_modulus=twice)
+    assert both.update.apart > 5.0
+    assert any(
+        "standard deviations apart: one of the two is probably wrong" in text for text in caveats(both.as_dict())
+    )
+    assert not both.passed  # no draw lies where both agree
+
+
+@pytest.mark.slow
+def test_intervals_with_a_stated_median_cover(model):
+    """60 sessions whose viscosity is off; the other experiment has an error of 3 %."""
+    truth, covered, narrower = TRUTH["surface_shear_modulus"], 0, []
+    for seed in range(60):
+        other = truth * (1.0 + 0.03 * np.random.default_rng([seed, 9]).standard_normal())
+        session = drawn_population(model, 80, seed)
+        found = hierarchy(session, seed=seed, median_modulus=Quantity(other, 0.03 * truth, "N/m"))
+        covered += found.marginals["surface_shear_modulus"].contains(truth, level=95)
+        narrower.append(found.marginals["surface_shear_modulus"].sd / found.update.alone.sd)
+    assert stats.binomtest(covered, 60, 0.95).pvalue > 0.003, covered
+    assert max(narrower) < 0.95
+
+
+@pytest.mark.parametrize("median", ["50 mN/m", "50 +/- 4 um"])
+def test_a_stated_median_has_an_error_and_its_unit(population, median):
+    with pytest.raises(InputError, match="median_modulus"):
+        hierarchy(population, seed=1, median_modulus=median)
+
+
 def test_what_is_missing_is_said(population):
     few = Population(population.dataset.isel(capsule=slice(2)))
     with pytest.raises(InputError, match="at least 3 capsules"):

@@ -11,6 +11,7 @@ from results import posterior
 from capsbayes import Experiment, Measurement, Surrogate, identify
 from capsbayes.database import Database
 from capsbayes.infer.posterior import Posterior
+from capsbayes.infer.prior import LAWS
 from capsbayes.infer.tension import _ERROR, LargestTension, membrane_tension
 from capsbayes.report.posterior_figures import posterior_page
 
@@ -77,6 +78,17 @@ def test_intervals_hold_the_tension_of_simulated_capsules():
     assert held >= known - 2
 
 
+def test_it_lies_where_it_lies_in_simulated_capsules(tension):
+    """All within 0.3 l, about an edge of their mesh, which is that of the states; nine of ten within 0.1 l."""
+    simulated, away = Database.read(POOLS / "none-0-block-21.nc"), []
+    for case, place in enumerate(simulated["maximum_tension_place"]):
+        theta = {name: [simulated[name][case]] for name in ("capillary_number", "size_ratio")}
+        found = tension.place(theta | LAWS["neo-Hookean"])
+        away.append(np.hypot(np.hypot(*found[:2]) - np.hypot(*place[:2]), found[2] - place[2]))
+    assert max(away) < 0.3
+    assert np.mean(np.array(away) < 0.1) > 0.9
+
+
 def of_model(name: str, **changed) -> Posterior:
     """Return a posterior with the name of a model."""
     one = posterior()
@@ -103,5 +115,6 @@ def test_a_model_whose_membrane_is_not_among_the_states_has_none(name):
 def test_the_page_shows_it():
     page = posterior_page(of_model("square-neo-hookean"))
     assert "What the membrane bears" in page
+    assert "Here that is in the front half, about" in page
     assert "largest principal tension" in page
     assert "What the membrane bears" not in posterior_page(posterior())

@@ -15,8 +15,9 @@ from results import grown, population
 
 from capsbayes.errors import InputError
 from capsbayes.infer.checks import Gate
-from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread
+from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread, Update
 from capsbayes.infer.population import Population
+from capsbayes.infer.prior import Marginal
 from capsbayes.report.population import hierarchy_parts, population_parts
 from capsbayes.report.population_figures import modulus_against_radius, modulus_histogram, population_page
 
@@ -41,7 +42,17 @@ def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     draws = medians | spreads | {"modulus_slope": rng.normal(0.3, 0.5, count)}
     gates = (Gate("effective draws of the population", 300.0, least=400.0),)
     others = {name: values[::-1] for name, values in medians.items()}
-    hierarchy = Hierarchy(draws, others, 7, None, 0.2, gates, 1)
+    hierarchy = Hierarchy(
+        draws,
+        others,
+        {"surface_shear_modulus": 0.4, "capsule_radius": 0.1},
+        7,
+        None,
+        0.2,
+        gates,
+        1,
+        update=Update(*(Marginal.known(value) for value in (0.06, 0.05)), apart=2.4),
+    )
     stored = hierarchy.added_to(population())  # which keeps a few of its draws only
     page = population_page(stored)
     assert_same([*population_parts(stored), *hierarchy_parts(hierarchy)], page)
@@ -49,6 +60,9 @@ def test_what_is_printed_of_capsules_and_their_population_stands_on_the_page():
     assert f"95 % [{low:.1f}, {high:.1f}]" in plain(page)
     assert "20 % of the capsules lean on the border of the model" in plain(page)
     assert "Do not use the intervals of the population" in plain(page)
+    assert "Median stated of the batch: Gs = 60" in plain(page)
+    assert "by the capsules alone: Gs = 50" in plain(page)
+    assert "stated of their batch are 2.4 standard deviations apart" in plain(page)
     assert headline_of(page).startswith("Median Gs = ")  # not the numbers that are not to be used
     assert "Valid if the membrane of each capsule is one of those of the model manufactured" in headline_of(page)
     passed = replace(hierarchy, gates=())

@@ -158,6 +158,10 @@ def population(
     velocity_error: Annotated[
         str | None, Option("Relative error that all velocities have in common, as '0.5 %': pixel size, frame rate.")
     ] = None,
+    median_modulus: Annotated[
+        str | None,
+        Option("Median G_s of the batch by another experiment, as '50 +/- 4 mN/m' by compression or AFM."),
+    ] = None,
     seed: options.Seed = 1,
 ) -> None:
     """Find mean and spread of G_s and a with the errors removed, and how G_s changes with a.
@@ -180,6 +184,7 @@ def population(
             experiment=None if experiment is None else cb.Experiment.read(experiment),
             shared_velocity_error=_share(velocity_error),
             tails=tails,
+            median_modulus=median_modulus,
         )
         if inferred.passed:
             inferred.added_to(read).write(capsules)

@@ -15,6 +15,7 @@ MEANS_AGREE, SDS_AGREE = 0.1, 0.02
 _QUANTILES_AGREE = 0.1
 
 REFUSED_P, DOUBTFUL_P = 0.005, 0.05  # p-values below which intervals are not to be used, and below which it is said
+FAR = 2.0  # standard deviations between two statements of one quantity, beyond which it is said
 
 
 @dataclass(frozen=True)

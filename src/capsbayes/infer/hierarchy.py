@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from capsbayes.infer.selection import (
     log_prior_of_freedom,
 )
 from capsbayes.model import ForwardModel
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Given, Quantity
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 
@@ -321,13 +321,27 @@ def _kurtoses(values: Floats, own: Floats, parameters: Floats) -> Floats:
 
 FEWEST = 3
 PREFIX = "population_"  # of the draws in the file of a population
-_UNITS = {"surface_shear_modulus": "N/m", "capsule_radius": "m"}
+_MODULUS = "surface_shear_modulus"
+_UNITS = {_MODULUS: "N/m", "capsule_radius": "m"}
 _STORED, _CHAINS = 500, 4
 _HEAVY_TAILS, _LIGHT_TAILS = 0.02, 0.995  # p-values; light ones, which two groups have, hardly concern the spread
 _MERGED = 3  # neighbouring components of a capsule, where the sum goes over the parts of t distributions too
 _LEAST_SEEN = 0.1  # share of the population in the sample, below which the rest is extrapolated too far
 _LEAST = 1e-6  # share in the sample, below which the number of the others is not known
+_COPIES = 8  # of each draw, each with its own shared errors, that a stated median is met with
 _TAKING_PART = [status.name for status in Status if status.ok or status.name.startswith("LEANS")]
+
+
+@dataclass(frozen=True)
+class Update:
+    """Median G_s of the batch as another experiment found it, and by the capsules alone [N/m].
+
+    `apart` is the distance of the logarithms of the two over the standard deviation of their difference.
+    """
+
+    stated: Marginal
+    alone: Marginal
+    apart: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -344,6 +358,9 @@ class Hierarchy(Readable):
         ``radius_freedom`` of t distributions. They include all errors.
     without_shared : mapping of (d,) array
         The same medians as if viscosity, half width and the scale of the velocities were known exactly.
+    shared_share : mapping of float
+        Share of the variance of the logarithm of each median that is due to what all capsules share, by the capsules
+        alone.
     capsules : int
         Number of capsules.
     least_stretch : float or None
@@ -369,10 +386,13 @@ class Hierarchy(Readable):
         The density from which the draws come.
     names : (n,) array of str
         Names of the capsules.
+    update : Update, optional
+        How a median of G_s that was stated of the batch changed that of the capsules.
     """
 
     draws: dict[str, Floats]
     without_shared: dict[str, Floats]
+    shared_share: dict[str, float]
     capsules: int
     least_stretch: float | None
     leaning: float
@@ -385,6 +405,7 @@ class Hierarchy(Readable):
     parameters: Floats = field(default_factory=lambda: np.empty((0, 0)))
     log_posterior: LogPosterior | None = None
     names: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    update: Update | None = None
 
     @property
     def marginals(self) -> dict[str, Marginal]:
@@ -406,12 +427,6 @@ class Hierarchy(Readable):
         """Quantities whose tails differ from those of the fitted population; their spreads are not reliable."""
         found = self.tail_p_values.items()
         return tuple(name for name, p in found if p < _HEAVY_TAILS or p > _LIGHT_TAILS)
-
-    @property
-    def shared_share(self) -> dict[str, float]:
-        """Share of the variance of the logarithm of each median that is due to what all capsules share."""
-        logs = {name: (np.log(values), np.log(self.draws[name])) for name, values in self.without_shared.items()}
-        return {name: 1.0 - float(np.var(alone) / np.var(whole)) for name, (alone, whole) in logs.items()}
 
     def added_to(self, population: Population) -> Population:
         """Return the capsules with this result added: draws as ``population_surface_shear_modulus`` and so on."""
@@ -470,6 +485,7 @@ class Hierarchy(Readable):
             "odd_tails": list(self.odd_tails),
             "missing": Marginal.of_draws(self.missing).as_dict() if len(self.missing) else None,
             "changes_by_the_missing": self.changes,
+            "update": None if self.update is None else asdict(self.update),
         }
 
 
@@ -484,6 +500,7 @@ def hierarchy(
     shared_velocity_error: float = 0.0,
     tails: str = NORMAL,
     existence: bool = True,
+    median_modulus: Given = None,
 ) -> Hierarchy:
     """Infer the medians, the spreads and the slope of a population of capsules.
 
@@ -509,6 +526,9 @@ def hierarchy(
     existence : bool
         Account for the capsules that are missing because they are too soft for a steady shape in their flow. Turn this
         off for comparison only.
+    median_modulus : Quantity, optional [N/m]
+        Median G_s of the batch as another experiment found it, as ``"50 +/- 4 mN/m"`` by compression or AFM. Its error
+        includes that of the other method, and must have nothing in common with the errors of this session.
 
     Returns
     -------
@@ -529,6 +549,7 @@ def hierarchy(
     """
     if tails not in TAILS:
         raise InputError("hierarchy", "tails", " or ".join(TAILS), repr(tails))
+    stated = None if median_modulus is None else _stated(median_modulus)
     viscosity, half_width = _shared(population, experiment)
     kept = _taking_part(population, least_stretch, model)
     selection = None
@@ -551,9 +572,21 @@ def hierarchy(
     log_posterior = LogPosterior(components, selection if existence else _without_limit(selection), tails)
     place = mode(log_posterior)
     parameters, gates = drawn(log_posterior, place, rng)
-    without = {"surface_shear_modulus": np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
+    if stated is not None:
+        parameters = np.repeat(parameters, _COPIES, axis=0)
     shifts = _shifts(population, kept, viscosity, half_width, shared_velocity_error, rng, len(parameters))
-    draws = {name: without[name] * shifts[name] for name in without} | _spreads(log_posterior, parameters)
+    without = {name: np.exp(values) for name, values in zip(shifts, parameters.T, strict=False)}
+    medians = {name: without[name] * shift for name, shift in shifts.items()}
+    shares = {name: 1.0 - float(np.var(np.log(without[name])) / np.var(np.log(medians[name]))) for name in medians}
+    update = None
+    if stated is not None:
+        update = _update(stated, medians[_MODULUS])
+        tailed, pareto = smoothed(stated.logpdf(medians[_MODULUS]))
+        gates += weight_gates(tailed, pareto, _LEAST_ESS, "effective draws with the stated median")
+        rows = rows_by_weight(normalised(tailed), rng, _KEPT)
+        parameters = parameters[rows]
+        without, medians = ({name: each[rows] for name, each in of.items()} for of in (without, medians))
+    draws = medians | _spreads(log_posterior, parameters)
     leaning = float(np.mean(population["status"][kept] == Status.LEANS_ON_BORDER.name))
     missing, changes = np.empty(0), dict[str, float]()
     if existence:
@@ -562,6 +595,7 @@ def hierarchy(
     return Hierarchy(
         draws,
         without,
+        shares,
         int(kept.sum()),
         least_stretch,
         leaning,
@@ -574,7 +608,24 @@ def hierarchy(
         parameters,
         log_posterior,
         population["name"][kept],
+        update,
     )
+
+
+def _stated(median: Given) -> Quantity:
+    """Return the median G_s that is stated of a batch, with its error."""
+    stated = Quantity.of(median, _MODULUS, where="hierarchy", key="median_modulus")
+    if stated.known:
+        raise InputError("hierarchy", "median_modulus", 'a value with its error, as "50 +/- 4 mN/m"', str(stated))
+    return stated
+
+
+def _update(stated: Quantity, medians: Floats) -> Update:
+    """Compare a stated median with that of the capsules : (d,) array."""
+    other = stated.ppf((np.arange(_STORED) + 0.5) / _STORED)
+    first, second = np.log(other), np.log(medians)
+    apart = abs(first.mean() - second.mean()) / np.hypot(first.std(), second.std())
+    return Update(Marginal.of_draws(other), Marginal.of_draws(medians), float(apart))
 
 
 def _shifts(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from capsbayes.arrays import Floats
 from capsbayes.infer.posterior import Posterior
@@ -37,11 +38,15 @@ class MembraneTension:
         Young's modulus times the thickness, E_s = 4 K_s G_s / (K_s + G_s).
     young_modulus : Marginal or None [Pa]
         Young's modulus; None if the thickness of the membrane is not stated.
+    place : (3,) array [m]
+        Where the largest tension lies, across the flow and along it from the centre of the capsule, to 0.25 l: in the
+        simulated membrane that is most like this one.
     """
 
     largest_tension: Marginal | None
     surface_young_modulus: Marginal
     young_modulus: Marginal | None
+    place: Floats
 
 
 def membrane_tension(posterior: Posterior) -> MembraneTension | None:
@@ -58,7 +63,8 @@ def membrane_tension(posterior: Posterior) -> MembraneTension | None:
     modulus = draws["surface_shear_modulus"][some]
     theta: dict[str, Floats | float] = dict(stated)
     theta |= {name: draws[name][some] for name in FREE_PARAMETERS if name in draws}
-    over_modulus, errors = LargestTension.open(posterior.model_name.partition("-")[0])(theta)
+    largest = LargestTension.open(posterior.model_name.partition("-")[0])
+    over_modulus, errors = largest(theta)
     tensions = modulus * over_modulus * np.exp(errors * rng.standard_normal(len(modulus)))
     known = np.isfinite(tensions)
     dilation = np.asarray(theta["area_dilation_modulus"])
@@ -69,6 +75,7 @@ def membrane_tension(posterior: Posterior) -> MembraneTension | None:
         Marginal.of_draws(tensions[known]) if known.mean() >= _FEWEST_KNOWN else None,
         Marginal.of_draws(surface_young),
         None if thick is None else Marginal.of_draws(surface_young / thick),
+        posterior.experiment.half_width.mean * largest.place({name: [np.median(each)] for name, each in theta.items()}),
     )
 
 
@@ -89,10 +96,12 @@ class LargestTension:
         tensions, along = states["tension"][:, [column]], states["tension_along"][:, [column]]
         known = np.isfinite(tensions[:, 0]) & np.isfinite(along).all(axis=(1, 2))
         values, tensions, along = values[known], tensions[known], along[known]
+        self._places = states["tension_place"][known, column]
         self._cross_section, self._frame = states.cross_section, StateCoordinates.of(states["values"])
         slopes = self._frame.slopes(values, along / tensions[..., None])
-        places, lost = self._frame.points(values), self._frame.points(states["lost"])
-        self._fits = local_fits(places, np.log(tensions), slopes, lost, np.zeros_like(tensions))
+        points, lost = self._frame.points(values), self._frame.points(states["lost"])
+        self._points = points
+        self._fits = local_fits(points, np.log(tensions), slopes, lost, np.zeros_like(tensions))
 
     @classmethod
     @cache
@@ -108,3 +117,8 @@ class LargestTension:
         means, covariances, _ = averaged(self._frame.points(values[inside]), *self._fits, 1, 1, False)
         found[:, inside] = np.exp(means[:, 0]), np.hypot(np.sqrt(covariances[:, 0, 0]), _ERROR)
         return found[0], found[1]
+
+    def place(self, theta: Mapping[str, ArrayLike]) -> Floats:
+        """Return where the tension is largest in the state nearest to parameters, (1,) each : (3,) array [l]."""
+        away = self._points - self._frame.points(parameter_columns(theta))
+        return np.asarray(self._places[np.argmin(np.sum(away**2, axis=1))])

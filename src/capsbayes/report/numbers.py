@@ -33,7 +33,7 @@ def two_digits(error: float) -> int:
 
 def rounded(value: float, digits: int) -> str:
     """Return a number with so many decimals; "not known" for NaN."""
-    return f"{round(value, digits):.{max(digits, 0)}f}" if math.isfinite(value) else "not known"
+    return f"{round(value, digits):z.{max(digits, 0)}f}" if math.isfinite(value) else "not known"
 
 
 def together(values: Sequence[float], digits: int) -> list[str]:

@@ -9,13 +9,23 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from capsbayes.infer.checks import DOUBTFUL_P
+from capsbayes.infer.checks import DOUBTFUL_P, FAR
 from capsbayes.infer.hierarchy import Hierarchy, ModulusSpread
 from capsbayes.infer.population import Population
+from capsbayes.infer.prior import Marginal
 from capsbayes.infer.selection import NORMAL
 from capsbayes.infer.verdict import PREDICTED
 from capsbayes.parameters import PARAMETERS
-from capsbayes.report.numbers import counted, decimals, interval_words, per_cent, together, two_digits, unit_of
+from capsbayes.report.numbers import (
+    counted,
+    decimals,
+    interval_words,
+    per_cent,
+    together,
+    two_digits,
+    unit_of,
+    value_words,
+)
 from capsbayes.report.tables import Code, Number, Strong, Symbols, flat, table
 from capsbayes.status import Status
 
@@ -85,7 +95,18 @@ def shared_words(stored: Mapping[str, Any]) -> str:
     """Say which part of the uncertainty more capsules would not reduce."""
     shares = stored["share_of_variance_owed_to_what_all_share"].items()
     listed = ", ".join(f"{PARAMETERS[name].symbol} {per_cent(share)}" for name, share in shares)
-    return f"Share of the variance of the medians owed to errors that all capsules share: {listed}."
+    medians = "medians by the capsules alone" if stored.get("update") else "medians"
+    return f"Share of the variance of the {medians} owed to errors that all capsules share: {listed}."
+
+
+def update_words(stored: Mapping[str, Any]) -> str:
+    """Say what was stated of the median G_s, what it is by the capsules alone, and with both; empty if not stated."""
+    if (update := stored.get("update")) is None:
+        return ""
+    of = {"stated of the batch": update["stated"], "by the capsules alone": update["alone"]}
+    of["together"] = stored["quantities"][_MODULUS.name]
+    words = (f"{name}: {value_words(_MODULUS.name, Marginal(**summary))}" for name, summary in of.items())
+    return f"Median {'; '.join(words)}."
 
 
 def missing_words(stored: Mapping[str, Any]) -> str:
@@ -116,6 +137,12 @@ def caveats(stored: Mapping[str, Any]) -> list[str]:
     if leaning > _MANY_LEANING:
         words = "of the capsules lean on the border of the model: the population may extend beyond it."
         sentences.append(f"{per_cent(leaning)} {words}")
+    apart = (stored.get("update") or {"apart": 0.0})["apart"]
+    if apart > FAR:
+        sentences.append(
+            f"The capsules and the median G_s stated of their batch are {apart:.1f} standard deviations apart: one of "
+            "the two is probably wrong, and the intervals mix both."
+        )
     return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
 
 
@@ -255,6 +282,7 @@ def hierarchy_parts(hierarchy: Hierarchy) -> Iterator[str | pd.DataFrame]:
     stored = hierarchy.as_dict()
     yield hierarchy_table(stored)
     yield spread_words(stored)
+    yield update_words(stored)
     yield shared_words(stored)
     yield missing_words(stored)
     yield from caveats(stored)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from capsbayes.infer import Posterior
+from capsbayes.infer.checks import FAR
 from capsbayes.infer.identify import FLOWS, OUTLINE_NOISE, REST, THICKNESS_ERROR, add_up
 from capsbayes.infer.prior import LAWS, THICKNESS, UNKNOWN, Marginal
 from capsbayes.infer.tension import MembraneTension
@@ -27,6 +28,7 @@ from capsbayes.report.numbers import (
     two_digits,
     unit_of,
     value_words,
+    with_unit,
 )
 from capsbayes.report.tables import Code, Strong, Symbols, table
 
@@ -40,7 +42,6 @@ BEYOND_LAWS = 0.3
 """Share by which G_s from an outline is too large if the membrane obeys generalised Hooke's law, read as unknown."""
 _SENSITIVE = 0.05  # `Posterior.prior_sensitivity`, above which the choice of the prior matters
 _SHARES = (np.arange(1000) + 0.5) / 1000  # of the probability of a prior
-_FAR = 2.0  # standard deviations between a prior and what the capsule says by itself
 _INPUTS = {
     "outline": "measured outline",
     "surrogate": "error of the model",
@@ -116,7 +117,7 @@ def _of_prior(posterior: Posterior) -> Iterator[str]:
     gained = float(np.var(np.log(modulus.ppf(_SHARES)))) - posterior.log_modulus_sd**2
     away = abs(math.log(posterior[name].median / float(modulus.ppf(0.5))))
     far = away / math.sqrt(gained) if gained > 0.0 else 0.0
-    if far > _FAR:
+    if far > FAR:
         yield (
             f"This capsule by itself and the prior of G_s are {far:.1f} standard deviations apart: "
             "one of the two is probably wrong, and the interval mixes both."
@@ -359,10 +360,20 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
 
 def tension_table(tension: MembraneTension) -> pd.DataFrame:
     """Return what the membrane bears."""
-    found = {name: marginal for name, marginal in vars(tension).items() if marginal is not None}
+    found = {name: marginal for name, marginal in vars(tension).items() if isinstance(marginal, Marginal)}
     known = {name: PARAMETERS[name] for name in found}
     rows = [(Symbols(it.label), Symbols(it.meaning), *marginal_cells(name, found[name])) for name, it in known.items()]
     return table(("", "", "median", "68 % interval", "95 % interval"), rows, title="Membrane", numbers=(2, 3, 4))
+
+
+def tension_words(tension: MembraneTension) -> str:
+    """Say where the tension is largest, or why it is not known."""
+    if tension.largest_tension is None:
+        return "Here it is not known: the posterior reaches beyond the simulated membranes."
+    x, y, z = tension.place
+    radius = with_unit("capsule_radius", math.hypot(x, y), ".0f")
+    half = "front" if z > 0.0 else "rear"
+    return f"Here that is in the {half} half, about {radius} from the axis, to a quarter of the channel's half width."
 
 
 def check_table(posterior: Posterior) -> pd.DataFrame:
