@@ -472,19 +472,7 @@ def name_parts(model: str) -> tuple[str, str, tuple[str, ...]]:
 
 
 class FixedParameters(Derived):
-    """A forward model with known values of further coordinates, or known sizes of effects.
-
-    Parameters
-    ----------
-    model : ForwardModel
-    values : mapping of str to float
-        By name.
-
-    Raises
-    ------
-    InputError
-        On a name that is neither a coordinate nor the parameter of an effect of the model.
-    """
+    """A forward model with known values, by name, of further coordinates or sizes of effects; others are refused."""
 
     def __init__(self, model: ForwardModel, values: Mapping[str, float]) -> None:
         known = (*model.coordinates, *model.effects)

@@ -59,13 +59,10 @@ class Profile:
 
     @classmethod
     def from_outline(cls, points: ArrayLike) -> Profile:
-        """Order any closed outline: as a contour of a picture gives it.
+        """Order any closed outline (p, 2), columns (z, y), as a contour of a picture gives it: any start, any sense.
 
-        Parameters
-        ----------
-        points : (p, 2) array
-            Consecutive vertices, columns (z, y), from any start in either sense; the last may repeat the first. The
-            nose is inserted where the outline crosses the axis between two vertices.
+        The last vertex may repeat the first. The nose is inserted where the outline crosses the axis between two
+        vertices.
         """
         outline = _checked(points)
         if np.array_equal(outline[0], outline[-1]):
@@ -83,18 +80,7 @@ class Profile:
 
     @classmethod
     def from_half(cls, half: ArrayLike) -> Profile:
-        """Mirror one half of a symmetric outline: as a simulation of a symmetry wedge gives it.
-
-        Parameters
-        ----------
-        half : (h, 2) array
-            Vertices, columns (z, y), from the nose to the rear point of the axis through y > 0; both ends have y = 0.
-
-        Returns
-        -------
-        Profile
-            Of 2 h - 2 vertices.
-        """
+        """Mirror one half (h, 2) of a symmetric outline, from the nose to the rear point of the axis through y > 0."""
         upper = _checked(half, minimum=3).copy()
         extent = np.ptp(upper[:, 0])
         ends = upper[[0, -1], 1]
@@ -133,13 +119,7 @@ class Profile:
         return self.perimeter / (2.0 * np.pi * radius)
 
     def resampled(self, count: int) -> Profile:
-        """Return the outline with `count` points at equal arc length, the first at the nose.
-
-        Parameters
-        ----------
-        count : int
-            Number of points, at least 4; when even, a symmetric outline keeps its rear point.
-        """
+        """Return the outline by 4 points or more at equal arc length from the nose; an even count keeps the rear."""
         return Profile(equally_spaced(self.points, count))
 
     def scaled(self, factor: float) -> Profile:
@@ -156,14 +136,7 @@ class Profile:
         return Profile(np.concatenate([swapped[:1], swapped[:0:-1]]))
 
     def hausdorff(self, other: Profile) -> float:
-        """Return the Hausdorff distance to another outline of the same unit, neither moved.
-
-        The largest distance from a vertex of either outline to the nearest point, vertex or not, of the other.
-
-        Parameters
-        ----------
-        other : Profile
-        """
+        """Return the Hausdorff distance to another outline of the same unit: vertices to any point, neither moved."""
         return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
 
 

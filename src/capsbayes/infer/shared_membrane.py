@@ -587,15 +587,7 @@ class SharedMembrane(Readable):
         return {name: width_over_prior(self.marginals[name], prior) for name, prior in self.prior.items()}
 
     def moduli_by_flow(self, draws: Mapping[str, Floats] | None = None) -> list[Marginal]:
-        """Return the mean G_s [N/m] of the capsules of each flow, slow to fast.
-
-        Under the right law it is the same for all flows.
-
-        Parameters
-        ----------
-        draws : mapping, optional
-            Draws under one of the `laws`; by default `draws`.
-        """
+        """Return the mean G_s [N/m] of the capsules of each flow, slow to fast: one under the right law."""
         logs = np.log((draws or self.draws)["surface_shear_modulus_each"])
         return [Marginal.of_draws(np.exp(logs[:, self.flow == k].mean(axis=1))) for k in range(self.flow.max() + 1)]
 

@@ -485,19 +485,7 @@ def _check(method: str, name: str, value: float, above: float, below: float) -> 
 
 @dataclass(frozen=True)
 class UnsteadySimulator:
-    """The shape of a capsule some time after it was put at rest into the flow.
-
-    Parameters
-    ----------
-    simulator : Simulator
-    unsteadiness : float
-        Inverse of that time, l / (U t) [-]; 0 for the steady shape.
-
-    Raises
-    ------
-    InputError
-        If it is negative.
-    """
+    """The shape of a capsule at l / (U unsteadiness) after it was put at rest into the flow; the steady one at 0."""
 
     simulator: Simulator = field(default_factory=Simulator)
     unsteadiness: float = 0.0

@@ -39,16 +39,10 @@ Names = tuple[str, ...]
 
 
 class CorrectedMembrane(ForwardModel):
-    """Forward model over Ca, a/l and the parameters of the membrane, on top of a plain surrogate.
+    """Forward model over Ca, a/l and the parameters of the membrane: `joint` on top of a plain surrogate, the base.
 
-    Where the joint surrogate does not hold, the changes due to each parameter alone are added up.
-
-    Parameters
-    ----------
-    base : ForwardModel
-        Surrogate of neo-Hookean capsules without inflation, to be `joined` with the databases over one parameter.
-    joint : MembraneSurrogate
-        Of the same cross-section and view.
+    The base, of neo-Hookean capsules without inflation, is to be `joined` with the databases over one parameter: where
+    the joint surrogate does not hold, the changes due to each parameter alone are added up.
     """
 
     def __init__(self, base: ForwardModel, joint: MembraneSurrogate) -> None:

@@ -116,21 +116,11 @@ class DiffuseApproximation:
         return self._shapes(queries, slopes=False)[0]
 
     def covering(self, queries: Floats, largest_weights: float = np.inf) -> DiffuseApproximation:
-        """Return itself, or, where nodes are too sparse for a query, one with just large enough radii.
+        """Return itself, or, where nodes are too sparse for a query (n, 2), one with just large enough radii.
 
-        They are too sparse where the local polynomial is not determined. Where it is hardly determined, a value is a
-        difference of large multiples of those at the nodes.
-
-        Parameters
-        ----------
-        queries : (n, 2) array
-        largest_weights : float
-            Limit of the sum of the sizes of the weights: 1.3 in the midst of nodes, up to 5 at a corner.
-
-        Raises
-        ------
-        ValueError
-            When even radii four times as large do not suffice.
+        They are too sparse where the local polynomial is hardly determined, so that a value is a difference of large
+        multiples of those at the nodes: the sizes of the weights add up to 1.3 in the midst of nodes, to 5 at a corner.
+        A ValueError says that even radii four times as large do not suffice.
         """
         wider = self
         while not np.all(np.abs(wider.shape_functions(queries)).sum(axis=1) < largest_weights):

@@ -572,21 +572,10 @@ _STACKS: WeakKeyDictionary[PlaneSurrogate, Stack] = WeakKeyDictionary()  # of th
 
 
 class EffectSurrogate(DatabaseModel):
-    """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline).
+    """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline), of a few values of one parameter.
 
-    Parameters
-    ----------
-    effect_database : Database
-        Steady shapes at a few values of one parameter.
-    slices : tuple of PlaneSurrogate
-        One for each value.
-    base : PlaneSurrogate
-        Of a finer mesh at the null value, or the null slice itself.
-
-    Attributes
-    ----------
-    domain : EffectDomain
-        Where it has an answer: for parachutes and for convex shapes between the values that have them.
+    A slice is the surrogate of one value, and the base that of a finer mesh at the null value, or the null slice
+    itself.
     """
 
     domain: EffectDomain

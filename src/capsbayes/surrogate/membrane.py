@@ -502,20 +502,9 @@ class MembraneSurrogate(DatabaseModel):
         return np.asarray(np.sqrt(self._variance * np.tile(weights, 2))[:, None] * along)
 
     def with_coefficients(self, theta: Mapping[str, Floats], *, errors: bool) -> tuple[Prediction, Floats, Floats]:
-        """Predict a batch, its outlines as coefficients of their modes; NaN outside the domain.
+        """Predict a batch, its outlines as coefficients (n, k) [l] of their modes; NaN outside the domain.
 
-        Parameters
-        ----------
-        theta : mapping
-            As of a call.
-        errors : bool
-            Whether the error of the coefficients and of L_a is wanted.
-
-        Returns
-        -------
-        Prediction, (n, k) array, (n, k + 1, k + 1) array [l]
-            Predicted numbers, coefficients, and covariance of the errors of the coefficients and of L_a, which is
-            (n, 0, 0) if it is not wanted.
+        Third is the covariance (n, k + 1, k + 1) of the errors of coefficients and L_a, of size 0 without `errors`.
         """
         means, covariances, _ = self._averaged(theta, self._width, self._width if errors else _NUMBERS)
         count = self._width - _NUMBERS
@@ -530,25 +519,12 @@ class MembraneSurrogate(DatabaseModel):
     def with_changes(
         self, theta: Mapping[str, Floats], moved: Sequence[Mapping[str, Floats]], *, outline: bool
     ) -> tuple[Prediction, Floats, Floats]:
-        """Predict a batch, and to first order the changes of the predictions with the parameters.
+        """Predict a batch, and to first order its changes with the parameters towards m sets of others.
 
-        The changes are those of the local polynomials that are averaged there, at constant weights, also beyond the
-        border. They are up to twice as near to the derivatives of simulated shapes as differences of predictions are.
-
-        Parameters
-        ----------
-        theta : mapping
-            As of a call.
-        moved : sequence of mappings
-            m sets of other parameters for each point.
-        outline : bool
-            Whether the coefficients of the outlines are wanted.
-
-        Returns
-        -------
-        Prediction, (n, k) array, (m, n, 4 + k) array
-            Predicted numbers; coefficients of the modes [l], k = 0 if they are not wanted; and the changes of L_z, L_a,
-            v_o/U, the largest stretch and the coefficients.
+        Second are the coefficients of the outlines (n, k) [l], k = 0 without `outline`; third the changes (m, n, 4 + k)
+        of L_z, L_a, v_o/U, the largest stretch and the coefficients. They are those of the local polynomials that are
+        averaged there, at constant weights, also beyond the border: up to twice as near to the derivatives of simulated
+        shapes as differences of predictions are.
         """
         width = self._width if outline else _NUMBERS
         means, covariances, slopes = self._averaged(theta, width, _ERRING, slopes=True)
