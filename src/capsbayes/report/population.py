@@ -224,18 +224,19 @@ def hierarchy_table(stored: Mapping[str, Any]) -> pd.DataFrame:
 def capsule_table(population: Population, *, most: int) -> pd.DataFrame:
     """Return the capsules, worst first, at most so many."""
     shown = [name for name in SHOWN if f"{name}_median" in population.dataset]
-    head = ["no.", "capsule", "status", *(Symbols(PARAMETERS[name].label) for name in shown)]
-    head[4:4] = [Symbols(f"{_MODULUS.symbol}: {level} % interval") for level in (68, 95)]
+    head = ["no.", "capsule", *(Symbols(PARAMETERS[name].label) for name in shown)]
+    head[3:3] = [*(Symbols(f"{_MODULUS.symbol}: {level} % interval") for level in (68, 95)), "status"]
     names = population["name"] if "name" in population.dataset else np.full(len(population), "")
     summaries = {name: np.stack([population[f"{name}_{kind}"] for kind in KINDS], axis=1) for name in shown}
     statuses = population["status"]
     rows = []
     for rank, k in enumerate(population.worst_first()[:most], start=1):
-        cells = [Number(str(rank), rank), str(names[k]) or str(k + 1), str(statuses[k])]
+        cells = [Number(str(rank), rank), str(names[k]) or str(k + 1)]
         cells += [_median(name, *summaries[name][k, :3]) for name in shown]
-        cells[4:4] = [_interval(*summaries[_MODULUS.name][k, ends]) for ends in (slice(1, 3), slice(3, 5))]
+        intervals = (_interval(*summaries[_MODULUS.name][k, ends]) for ends in (slice(1, 3), slice(3, 5)))
+        cells[3:3] = [*intervals, str(statuses[k])]
         rows.append(cells)
-    return table(head, rows, numbers=(0, *range(3, len(head))))
+    return table(head, rows, numbers=(0, 2, 3, 4, *range(6, len(head))))
 
 
 def origin_table(population: Population, source: str) -> pd.DataFrame:
