@@ -17,6 +17,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from browser import needs_browser
 from drawn import dirty, drawn, shapes
@@ -429,6 +430,24 @@ def test_a_wall_is_dragged_a_part_is_drawn_and_the_flow_is_turned_by_the_mouse(b
     page.get_by_text(re.compile(r"^Walls 11[234]\.\d px apart\.$")).wait_for()
     page.get_by_label("Half width of the channel", exact=True).fill("25")
     page.get_by_text(re.compile(r"^Walls 11[234]\.\d px apart = 50 µm: a pixel is 0\.44\d µm\.$")).wait_for()
+    assert said == []
+    page.close()
+
+
+def test_a_picture_that_states_the_size_of_a_pixel_contradicts_a_wrong_half_width(bench, browser, picture, tmp_path):
+    """The channel is twice as wide as half its width."""
+    path = tmp_path / "capsule.tif"
+    with PIL.Image.open(picture) as drawn:
+        drawn.save(path, tiffinfo={270: "ImageJ=1.53t\nunit=micron\n", 282: 1.0 / 0.4525, 296: 1})
+    page, said = opened(browser, bench[1])
+    page.locator("input[type=file]").first.set_input_files(path)
+    by_file = r"5\d\.?\d* µm by the size of a pixel in the file\."
+    page.get_by_text(re.compile(rf"^Walls 11\d\.\d px apart, {by_file}$")).wait_for()
+    width = page.get_by_label("Half width of the channel", exact=True)
+    width.fill("25.2")
+    page.get_by_text(re.compile(rf"px apart = 50\.4 µm: a pixel is 0\.4\d* µm, {by_file}$")).wait_for()
+    width.fill("50")
+    page.get_by_text(re.compile(rf"{by_file} Check the half width: one of the two is wrong\.$")).wait_for()
     assert said == []
     page.close()
 

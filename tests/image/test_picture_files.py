@@ -11,7 +11,7 @@ from png_header import png_of_size
 from tiff import tiff_behind_one_directory
 
 from capsbayes.errors import InputError
-from capsbayes.files.recording import is_film
+from capsbayes.files.recording import is_film, pixel_size_of
 from capsbayes.image.files import Film, Picture
 
 GREY = np.tile(np.arange(20, 220, 2, dtype=np.uint8), (40, 1))
@@ -180,6 +180,35 @@ def test_sizes_that_a_film_declares_are_checked_before_it_is_read(tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             Film.open(tmp_path / name)
+
+
+_OME = '<OME><Image><Pixels SizeX="100" PhysicalSizeX="{}"{}></Pixels></Image></OME>'
+
+
+@pytest.mark.parametrize(
+    ("text", "per_unit", "size"),
+    [
+        ("ImageJ=1.53t\nimages=1\nunit=micron\n", 2.0, 0.5e-6),
+        ("ImageJ=1.53t\nunit=\\u00B5m\nmin=0\n", 4.0, 0.25e-6),
+        ("ImageJ=1.53t\nunit=um\n", 0.0, None),
+        ("ImageJ=1.53t\nunit=inch\n", 72.0, None),
+        ("ImageJ=1.53t\nimages=1\n", 72.0, None),
+        ("A camera", 72.0, None),
+        (_OME.format("0.45", ""), 72.0, 0.45e-6),
+        (_OME.format("0.45", ' PhysicalSizeXUnit="um"'), 72.0, 0.45e-6),
+        (_OME.format("450", ' PhysicalSizeXUnit="nm"'), 72.0, None),
+    ],
+)
+def test_the_size_of_a_pixel_is_that_of_imagej_or_ome(tmp_path, text, per_unit, size):
+    path = tmp_path / "capsule.tif"
+    PIL.Image.fromarray(GREY).save(path, tiffinfo={270: text, 282: per_unit, 296: 1})
+    assert pixel_size_of(path) == (None if size is None else pytest.approx(size))
+
+
+def test_other_files_state_no_size_of_a_pixel(tmp_path):
+    cv2.imwrite(str(tmp_path / "capsule.png"), GREY)
+    (tmp_path / "broken.tif").write_bytes(b"II*\0 and nothing else")
+    assert [pixel_size_of(tmp_path / name) for name in ("capsule.png", "broken.tif", "missing.tif")] == [None] * 3
 
 
 @pytest.mark.parametrize(("order", "dtype", "numbers"), [("<", "u1", 1), (">", "u2", 1), (">", "f4", 3)])

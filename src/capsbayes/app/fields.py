@@ -225,7 +225,7 @@ class Overlay(Element, component="overlay.js"):
 
     def show(self, picture: dict[str, Any]) -> None:
         """Show another picture, without lines."""
-        self.put(**{key: picture[key] for key in ("src", "rows", "columns")})
+        self.put(**{key: picture[key] for key in ("src", "rows", "columns", "pixel")})
         self.draw({})
 
     def draw(self, lines: dict[str, Any], *, by_hand: bool = False) -> None:

@@ -13,7 +13,7 @@ from capsbayes.app.archive import packed, unpacked
 from capsbayes.app.stated import EVENTS, EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, Stated, page_words
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment
-from capsbayes.files.recording import is_film
+from capsbayes.files.recording import is_film, pixel_size_of
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection
 from capsbayes.image.files import Film, Picture
@@ -28,15 +28,17 @@ _WIDEST = 1600  # px of the picture on the page
 def shown(folder: str, name: str, rotate: str = "") -> dict[str, Any]:
     """Return a picture, turned clockwise by some degrees, or the middle one of a film or of events, for the page.
 
-    Its size, a PNG of its grey levels as the address of an image, how many there are, and what the file states.
+    Its size, a PNG of its grey levels as the address of an image, how many there are, and what the file states; of a
+    TIFF file the size of a pixel in micrometres, else 0.
     """
     with contextlib.chdir(folder):
         seen, count, stated = _opened(Path(name))
+        pixel = 1e6 * (pixel_size_of(Path(name)) or 0.0)
     if rotate:
         seen, _, _ = turned(seen, None, ByHand(rotate=rotate))
     png = base64.b64encode(png_of(seen, widest=_WIDEST)).decode()
     size = {"rows": seen.shape[0], "columns": seen.shape[1]}
-    return {**size, "src": f"data:image/png;base64,{png}", "count": count, "stated": stated}
+    return {**size, "src": f"data:image/png;base64,{png}", "count": count, "stated": stated, "pixel": pixel}
 
 
 def _opened(path: Path) -> tuple[Picture, int, dict[str, str]]:

@@ -26,6 +26,7 @@ export default {
     src: String, columns: Number, rows: Number, byHand: Boolean, drawing: Boolean,
     walls: Array, outline: Array, rear: Array, predicted: Array, crop: Array, erased: Array,
     width: Number, // of the channel in micrometres, 0 where it is not known
+    pixel: Number, // micrometres as the file states them, 0 where it does not
   },
   data() {
     return { placed: this.walls, box: null, held: null, start: null, timer: null };
@@ -40,7 +41,9 @@ export default {
       const [a, b, c, d] = this.placed, slope = (b - a + d - c) / (2 * (this.columns - 1));
       const px = (c + d - a - b) / (2 * Math.hypot(1, slope));
       const scale = this.width && px > 0 ? ` = ${+this.width.toPrecision(4)} µm: a pixel is ${(this.width / px).toPrecision(3)} µm` : "";
-      return `Walls ${px.toFixed(1)} px apart${scale}.`;
+      const stated = this.pixel ? `, ${+(px * this.pixel).toPrecision(4)} µm by the size of a pixel in the file` : "";
+      const apart = scale && stated && Math.abs(Math.log(px * this.pixel / this.width)) > 0.03;
+      return `Walls ${px.toFixed(1)} px apart${scale}${stated}.${apart ? " Check the half width: one of the two is wrong." : ""}`;
     },
     boxes() {
       const stated = [...(this.crop ? [["crop", this.crop]] : []), ...(this.erased || []).map((box) => ["erased", box])];

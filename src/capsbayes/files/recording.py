@@ -33,6 +33,8 @@ VIDEO_KINDS = ("AVI", "MP4 or MOV", "MKV")
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION, _DESCRIPTION, _COLOURS, _FORMAT = 256, 257, 258, 259, 270, 277, 339
 _PARTS = ((273, 279), (324, 325))  # offsets and lengths of strips and of tiles
 _SMALLER = 330  # directories of smaller copies
+_PER_UNIT = 282  # columns of pixels in a unit of length, which a description of ImageJ names
+_MICROMETRES = r"micron|um|[µμ]m|\\u00B5m|\\u03BCm"
 _NUMBERS = {2: "i", 3: "f"}  # kinds of pixels but for unsigned integers
 _LABELS = 2**16  # bytes of a file that may lie outside all images and tags
 _BROKEN = (OSError, ValueError, SyntaxError, KeyError, TypeError, OverflowError, IndexError, struct.error)
@@ -139,6 +141,22 @@ def images_of(file: bytes | Path, where: str) -> Images | None:
             return _of_tiff(first, picture.tag_v2.prefix == b"II", count, frozenset(sizes), where, length, spare)  # type: ignore[attr-defined]
         except (*_BROKEN, ZeroDivisionError):
             return None
+
+
+def pixel_size_of(path: Path) -> float | None:
+    """Return the size of a pixel that ImageJ or OME state in a TIFF file [m]; None if they do not."""
+    import PIL.Image
+
+    quiet, whole = warnings.catch_warnings(action="ignore"), contextlib.suppress(*_BROKEN, ZeroDivisionError)
+    with quiet, whole, PIL.Image.open(path) as picture:
+        tags = dict(getattr(picture, "tag_v2", {}))
+        text = str(tags.get(_DESCRIPTION, ""))
+        if text.startswith("ImageJ=") and re.search(rf"^unit=({_MICROMETRES})\s*$", text, re.MULTILINE):
+            return 1e-6 / float(tags[_PER_UNIT])
+        sizes = re.search(r'\bPhysicalSizeX="([\d.eE+-]+)"', text)
+        if sizes and re.search(rf'\bPhysicalSizeXUnit="(?!({_MICROMETRES})")', text) is None:
+            return 1e-6 * float(sizes[1])
+    return None
 
 
 def _held(tags: Mapping[int, Any], length: int) -> int:
