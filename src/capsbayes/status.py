@@ -24,8 +24,9 @@ class Status(enum.Enum):
     # pictures
     BACKGROUND_DIFFERS = "The picture of the empty channel has another size than that of the capsule."
     NO_WALLS = (
-        "No two parallel walls were found across the picture, or several channels; cut it around one (--crop), "
-        "say where the walls are (--walls), or give the size of a pixel (--pixel-size) and the axis (--axis)."
+        "No two parallel walls were found across the picture, as they may be bent, open or too rough, "
+        "or several channels; cut it around one (--crop), say where the walls are (--walls), "
+        "or give the size of a pixel (--pixel-size) and the axis (--axis)."
     )
     WALLS_OFF = (
         "The walls are stated off the dark lines of the picture, so that l is wrong by more than five times its error: "

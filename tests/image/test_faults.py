@@ -5,11 +5,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from capsbayes import Database, Experiment
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.walls import find_walls
 from capsbayes.status import Status
+from evidence.benchmarks import camera as renderer
 from evidence.benchmarks.camera import Camera, photograph
 from evidence.benchmarks.conditions import HALF_WIDTH, scenery, taken
 from evidence.benchmarks.picture_moduli import salted
@@ -244,3 +246,53 @@ def test_a_particle_inside_is_not_taken_for_the_rear(scenes):
             seen += 1
             assert abs(found.lengths[1] - view.axial_length) < 3.0 * np.sqrt(found.covariance[1, 1])
     assert seen >= 2
+
+
+def rough(monkeypatch, rms, over):
+    """Let either wall wander by so many px rms, alike over so many px."""
+    smooth, random = renderer.channel_of, np.random.default_rng(11)
+
+    def channel_of(view):
+        light = smooth(view)
+        rows, columns = light.shape
+        noise = gaussian_filter1d(random.standard_normal((2, columns)), renderer.FINE * over, axis=1, mode="wrap")
+        inwards = renderer.FINE * rms * noise / noise.std(axis=1, keepdims=True)
+        place = np.arange(rows)
+        upper = place < renderer.FINE * view.capsules[0].centre[1]
+        moved = [
+            np.interp(place - np.where(upper, *inwards[:, column] * [1.0, -1.0]), place, light[:, column])
+            for column in range(columns)
+        ]
+        return np.stack(moved, axis=1)
+
+    monkeypatch.setattr(renderer, "channel_of", channel_of)
+
+
+@pytest.mark.parametrize("over", [3.0, 10.0])
+def test_walls_may_be_rough(monkeypatch, over):
+    """Their roughness is in the error of l; before an estimated background, their bumps are no capsules."""
+    cases = Database.open("square-neo-hookean").converged
+    rough(monkeypatch, 1.5, over)
+    for number in range(410, 414):
+        view, lens = scenery(cases, np.random.default_rng([2026, number]))
+        picture, empty = map(Picture.from_array, photograph(view, lens, seed=number))
+        for background in (empty, None):
+            found = detect(picture, background=background)
+            assert found.status is Status.DONE
+            assert abs(found.walls.half_width - HALF_WIDTH) < 2.0 * found.walls.half_width_error
+            assert 0.5 < found.walls.half_width_error < 3.0
+            assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
+
+
+def test_walls_that_bend_or_open_are_not_taken_for_rough_ones(scenes):
+    """By 4 px from the middle to the borders, of smooth walls as of those with a roughness of 0.3 px."""
+    random = np.random.default_rng(2)
+    for _, _, empty in scenes[:2]:
+        rows, columns = np.arange(empty.shape[0]), empty.shape[1]
+        below, x = np.sign(rows - rows.mean()), np.linspace(-1.0, 1.0, columns)
+        for rms in (0.0, 0.3):
+            wander = rms * gaussian_filter1d(random.standard_normal(columns), 10.0) * np.sqrt(20.0 * np.sqrt(np.pi))
+            for away in (4.0 * x**2 + wander, below[:, None] * (4.0 * x + wander)):
+                away = np.broadcast_to(away, empty.shape)
+                moved = [np.interp(rows + away[:, column], rows, empty[:, column]) for column in range(columns)]
+                assert find_walls(np.stack(moved, axis=1)) is None

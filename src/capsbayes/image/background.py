@@ -282,6 +282,7 @@ _CLEARANCE = 12.0  # px that an edge needs on its outside to be located
 _DARKEST_PIXELS = 0.01, 0.1  # of the pixels between the walls, of l^2: half as dark as these is the level of a blob
 _BY_WALL = 0.5  # of the half width from the axis: a capsule that leaves the picture is nearer to it
 _LINE = 6.0  # px: a capsule that leaves the picture is wider there
+_BUMPS = 3.0  # of the spread of rough walls, whose bumps within it are dark before an estimated background
 _PIECE = 0.02  # of the largest piece of a mask: smaller pieces are ignored
 
 
@@ -369,8 +370,8 @@ def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
 
 @lru_cache(maxsize=1)  # the frames of a film share it
 def between_walls(walls: WallLines, shape: tuple[int, ...]) -> Booleans:
-    """Return which pixels of a picture lie between the walls and off their lines."""
-    mask = walls.between(shape, 0.5 * walls.line_width)
+    """Return which pixels of a picture lie between the walls and off their lines and bumps."""
+    mask = walls.between(shape, 0.5 * walls.line_width + _BUMPS * walls.rough)
     mask.flags.writeable = False
     return mask
 

@@ -9,7 +9,7 @@ from numba import njit
 from scipy.ndimage import gaussian_filter1d
 
 from capsbayes.arrays import Booleans, Floats
-from capsbayes.image.edge_models import Model, fit_without_outliers, locate, median, robust_spread
+from capsbayes.image.edge_models import Model, RobustFit, fit_without_outliers, locate, median, robust_spread
 
 _MARGIN = 20.0  # px beyond the walls: edges next to a wall are located in what is within it
 _WHOLE = 16  # px: neighbouring pixels are compared in tiles
@@ -23,7 +23,9 @@ _SIGNIFICANCE = 8.0  # of a wall's darkness over the spread of that of all lines
 _INSIDE = 0.7  # of a wall's darkness: a line between the two that is darker is the wall of another channel
 _REACH = 9  # px around a wall that are searched
 _FLOOR = 0.005  # px: smallest spread of the strips about a wall
-_SCATTER = 0.7  # px: largest spread of the strips about a wall
+_SCATTER = 0.7  # px: largest spread of the strips about walls that bend or open, or are seen in parts
+_SEEN = 0.75  # of the strips: rough walls are seen in as many, what is no wall in less than two thirds
+_OWN = 0.1  # of the squares about parallel lines: bent or open walls leave less about a curve of their own each
 _ROUGH = 0.2  # px: spread from which on a wall is rough, and l differs from place to place by as much
 _UNLIKE = 0.09  # of the width of a wall's line: if both differ by more, as by a shadow, the walls are off by as much
 _MISFIT = 0.03  # of the width of a wall's line: how far the model's middle may be from the wall
@@ -43,6 +45,7 @@ class WallLines:
     line_width: float  # [px]: standard deviation of the dark lines across
     stated: str = ""  # how the walls were stated by hand; empty if they were found in the picture
     off_band: tuple[float, float] = (0.0, 0.0)  # [px]: of stated walls, outside the nearest dark line if clearly off it
+    rough: float = 0.0  # [px]: spread of the places of walls that are found as rough ones, 0 of others
 
     @property
     def change(self) -> float:
@@ -193,7 +196,7 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
         floor=_FLOOR,
         enough=lambda kept: min(kept[:_STRIPS].sum(), kept[_STRIPS:].sum()) >= _STRIPS // 3,
     )
-    if fit is None or fit.spread > _SCATTER:
+    if fit is None or (fit.spread > _SCATTER and not _are_rough(fit, nearest + lines.place, below, places)):
         return None
     upper, lower, slope = fit.coefficients
     covariance = fit.cofactor * fit.variance
@@ -218,4 +221,16 @@ def _fine(strips: Floats, places: Floats, start: Floats, middle: float) -> WallL
         half_width=float(half * (lower - upper)),
         half_width_error=float(np.sqrt(variance)),
         line_width=width,
+        rough=fit.spread if fit.spread > _SCATTER else 0.0,
     )
+
+
+def _are_rough(fit: RobustFit, values: Floats, below: Floats, places: Floats) -> bool:
+    """Return whether walls scatter about their lines everywhere, and not because they bend or open."""
+    curve = np.tile(np.vander(places / np.ptp(places), 3), (2, 1))
+    curves = np.hstack([curve * side[:, None] for side in (1.0 - below, below)])[fit.kept]
+    left, about_lines = (
+        np.linalg.lstsq(design, values[fit.kept], rcond=None)[1].sum() for design in (curves, fit.design)
+    )
+    seen = min(fit.kept[:_STRIPS].sum(), fit.kept[_STRIPS:].sum())
+    return bool(seen >= _SEEN * _STRIPS and left > _OWN * about_lines)
