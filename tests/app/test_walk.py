@@ -301,6 +301,53 @@ def test_all_capsules_are_saved_in_one_file_and_loaded_into_an_empty_bench(brows
         page.close()
 
 
+def test_capsules_are_compared_by_the_keyboard_on_a_phone_too_and_in_the_dark(browser, tmp_path):
+    with served(tmp_path / "bench") as (_, address):
+        page, said = with_example(browser, address)
+        for save in (True, False):
+            ready(page.get_by_role("button", name="Identify", exact=True).first).click()
+            page.locator(".bench-headline").first.wait_for()
+            if save:
+                ready(page.get_by_role("button", name="Save the report")).click()
+                page.get_by_text("1 capsule in").wait_for()
+                page.get_by_role("button", name="Try the example").click()
+                page.locator(".bench-headline").first.wait_for(state="detached")
+                page.get_by_label("Viscosity of the liquid around", exact=True).fill("0.9")
+        page.get_by_text("List of them").click()
+        page.get_by_text("example-2, identified, not saved yet").wait_for()
+        compare = page.get_by_role("button", name="Compare", exact=True)
+        sync.expect(compare).to_be_disabled()
+        for name in ("example", "example-2"):
+            tabbed(page, page.get_by_role("checkbox", name=f"Compare {name}", exact=True))
+            page.keyboard.press("Space")
+        tabbed(page, ready(compare))
+        page.keyboard.press("Enter")
+        table = page.get_by_role("region", name="Capsules side by side")
+        rows = {row.split("\t")[0]: row.split("\t")[1:] for row in table.inner_text().splitlines() if "\t" in row}
+        assert rows[""] == ["example", "example-2"]
+        assert rows["≠ µ, viscosity of the suspending liquid"] == ["0.800 ± 0.020 Pa s", "0.900 ± 0.020 Pa s"]
+        assert {"a [µm]", "Ca", "a/ℓ", "can be used", "ℓ, half width of the channel"} < set(rows)
+        tabbed(page, table)
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            for width in (1400, 390):
+                page.set_viewport_size({"width": width, "height": 900})
+                assert page.evaluate("document.documentElement.scrollWidth") == width
+                page.locator(".bench-few img").wait_for()
+            first = table.locator("td").first
+            card = page.locator(".bench-step").last.evaluate(GROUND)
+            assert table.locator("th").first.evaluate(GROUND) == card, "what scrolls below it is not seen"
+        before = first.bounding_box()["x"]
+        page.keyboard.press("ArrowRight")
+        wait_until(lambda: table.evaluate("one => one.scrollLeft") > 0)
+        assert first.bounding_box()["x"] == pytest.approx(before, abs=1.0)
+        assert said == []
+        page.close()
+
+
+GROUND = "one => getComputedStyle(one).backgroundColor"
+
+
 def test_a_field_says_what_is_wrong_with_it_when_it_is_left_and_reads_a_decimal_comma(bench, browser):
     page, _ = opened(browser, bench[1])
     field = page.get_by_label("Viscosity of the liquid around", exact=True)

@@ -31,6 +31,7 @@ from capsbayes.report.numbers import value_words
 from capsbayes.report.posterior import (
     budget_sentence,
     caveats,
+    comparison_table,
     posterior_parts,
     sensitivity_words,
     status_words,
@@ -39,6 +40,7 @@ from capsbayes.report.posterior import (
 from capsbayes.report.posterior_figures import (
     capsule_pictures,
     corner_of_few,
+    densities_figure,
     on_picture,
     posterior_page,
 )
@@ -198,6 +200,42 @@ def test_a_further_coordinate_and_the_second_engine_are_shown():
     labels = {ax.get_label() for ax in corner_of_few(more).axes}
     assert {"surface_shear_modulus", "capsule_radius", "pre_inflation"} < labels
     assert len(labels) == 15  # five quantities, and their pairs
+
+
+def test_capsules_side_by_side_are_marked_where_they_were_stated_differently_or_their_intervals_are_apart():
+    one = posterior()
+    modulus = one.marginals["surface_shear_modulus"]
+    shift = 1.01 * (modulus.upper_95 - modulus.lower_95)
+    values = {name: value + shift for name, value in vars(modulus).items() if name != "sd"}
+    stiff = replace(modulus, **values)
+    known = replace(one.inputs, viscosity=replace(one.inputs.viscosity, value=0.9))
+    marginals = {**one.marginals, "surface_shear_modulus": stiff}
+    other = replace(one, marginals=marginals, inputs=known, status=Status.LEANS_ON_BORDER)
+    rows = {row[0]: row[1:] for row in comparison_table({"one": one, "<b>": other}).itertuples(index=False, name=None)}
+    assert {label for label in rows if label.startswith("≠")} == {
+        "≠ G_s [mN/m]",
+        "≠ can be used",
+        "≠ mu, viscosity of the suspending liquid",
+    }
+    assert rows["≠ can be used"] == ("yes", f"no: {Status.LEANS_ON_BORDER}")
+    assert rows["≠ mu, viscosity of the suspending liquid"] == ("0.850 ± 0.020 Pa s", "0.900 ± 0.020 Pa s")
+    assert rows["l, half width of the channel"] == ("25.00 ± 0.20 µm",) * 2
+    assert rows["prior of G_s"] == ("log-uniform from 0.1 to 10000 mN/m",) * 2
+    assert rows["a [µm]"][0].endswith(")")
+    assert not any(label.startswith("L_") for label in rows), "what was measured always differs"
+    alone = comparison_table({"one": one})
+    assert not any(label.startswith("≠") for label in alone.iloc[:, 0])
+
+
+def test_densities_of_several_capsules_share_an_axis_and_a_height():
+    figure = densities_figure({"one": posterior(), "two": posterior()}, "surface_shear_modulus")
+    (ax,) = figure.axes
+    assert ax.get_xlabel() == r"$G_\mathrm{s}$ [mN/m]"
+    assert [line.get_ydata().max() for line in ax.lines] == [1.0, 1.0]
+    assert len({(line.get_color(), line.get_linestyle()) for line in ax.lines}) == 2
+    median = 1e3 * posterior().marginals["surface_shear_modulus"].median
+    assert ax.lines[0].get_xdata()[np.argmax(ax.lines[0].get_ydata())] == pytest.approx(median, rel=0.05)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ from nicegui import ui
 from capsbayes.app import fields
 from capsbayes.app.desk import Computed, Desk
 from capsbayes.app.fields import Overlay, button, choice, result
-from capsbayes.app.worker import WorkFailedError
 
 _MEMBRANES = {"": "neo-Hookean", "Skalak": "Skalak", "Blatz-Ko": "Blatz-Ko", "unknown": "unknown"}
 _ENGINES = {"quadrature": "on a grid (quick)", "emcee": "sampled (emcee), checked on a grid"}
@@ -159,21 +158,13 @@ class AnswerStep:
         computed.corner.add_done_callback(drawn)
 
     async def _write(self) -> None:
-        self._save.enabled, self._waiting.visible = False, True
-        self._files.clear()
         shown = self._shown
         assert shown is not None, "of an identified capsule"
-        try:
+        self._files.clear()
+        with self._files, fields.waiting("The report is written", self._save):
             names = await shown.run("saved")
-        except WorkFailedError as error:
-            with self._files:
-                ui.label(str(error)).classes("bench-message")
-            return
-        finally:
-            self._save.enabled, self._waiting.visible = self._shown is shown, False
-        with self._files:
             ui.label(f"Saved in {shown.folder}.").classes("bench-status good")
             address = self.desk.bench.offer(shown.folder / "report.html")
             ui.link("Open the report", address, new_tab=True).mark("report")
             ui.label(f"Files: {', '.join(names)}.")
-        self._grown(shown.answer.result()["summary"])
+            self._grown(shown.answer.result()["summary"])

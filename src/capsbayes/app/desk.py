@@ -67,6 +67,11 @@ class Bench:
         self.computed: dict[Path | None, Computed] = {}
         self._offered: dict[str, Path] = {}
 
+    def identified(self) -> dict[Path, tuple[Any, ...]]:
+        """Return what `Stated.asked` returned of the capsules that were identified, by their folders."""
+        done = (computed for computed in self.computed.values() if computed.answer.done())
+        return {computed.folder: computed.asked for computed in done if not computed.answer.exception()}
+
     def stop(self) -> None:
         """End both processes."""
         self.measuring.stop()

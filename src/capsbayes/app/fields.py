@@ -14,6 +14,7 @@ from nicegui.events import GenericEventArguments
 
 from capsbayes.app.desk import MOST_BYTES, MOST_MB
 from capsbayes.app.stated import page_words
+from capsbayes.app.worker import WorkFailedError
 from capsbayes.errors import InputError
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity
@@ -200,14 +201,33 @@ class Progress:
         self._words.text = (f"{done:g} of {total:g} {what}" if total else f"{done:g} {what}") + of
 
     @contextlib.contextmanager
-    def shown(self) -> Iterator[None]:
+    def shown(self, words: str = "") -> Iterator[None]:
         """Show it while something is computed."""
         self._bar.props("indeterminate")
-        self._words.text, self._all.visible = "", True
+        self._words.text, self._all.visible = words, True
         try:
             yield
         finally:
             self._all.visible = False
+
+
+@contextlib.contextmanager
+def waiting(words: str, *pressed: ui.button) -> Iterator[None]:
+    """Show a bar with words in this place, and no button that can be pressed again; say what failed."""
+    with ui.column().classes("bench-result") as place:
+        progress = Progress()
+    for each in pressed:
+        each.props("loading")
+    try:
+        with progress.shown(words):
+            yield
+    except WorkFailedError as error:
+        ui.notify(str(error), type="negative", timeout=0, close_button="Close")
+    finally:
+        if not place.is_deleted:
+            place.delete()
+        for each in pressed:
+            each.props(remove="loading")
 
 
 class Overlay(Element, component="overlay.js"):

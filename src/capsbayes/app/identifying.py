@@ -29,9 +29,9 @@ from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
 from capsbayes.report.numbers import value_words
 from capsbayes.report.page import picture as figure_html
-from capsbayes.report.posterior_figures import SHOWN, corner_of_few, density_figure, on_picture
+from capsbayes.report.posterior_figures import SHOWN, corner_of_few, densities_figure, density_figure, on_picture
 from capsbayes.report.tables import html_table, typeset
-from capsbayes.report.write import opened, write_report
+from capsbayes.report.write import POSTERIOR, opened, write_report
 from capsbayes.surrogate import MembraneSurrogate, Surrogate
 
 
@@ -89,7 +89,22 @@ def saved(folder: str, stated: Stated) -> list[str]:
         return sorted(path.name for path in here.iterdir() if not path.name.startswith("."))
 
 
-@functools.lru_cache(maxsize=4)
+def compared(capsules: dict[str, tuple[str, tuple[Any, ...] | None]]) -> tuple[str, str]:
+    """Return the densities of G_s of several capsules, and a table of them, as HTML.
+
+    Given are their folders, and what `Stated.asked` returned, None for what was saved.
+    """
+    posteriors = {}
+    for name, (folder, asked) in capsules.items():
+        with contextlib.chdir(folder):
+            if asked is not None and asked[0].asked(Path()) != asked:
+                raise InputError(name, "", "what it was identified from", "other numbers", "identify it again")
+            posteriors[name] = Posterior.read(POSTERIOR) if asked is None else _answer(folder, asked).posterior
+    drawn = figure_html(densities_figure(posteriors, SHOWN[0]), f"densities of G_s of {', '.join(posteriors)}")
+    return drawn, html_table(texts.comparison_table(posteriors))
+
+
+@functools.lru_cache(maxsize=32)
 def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     """Measure and identify what `Stated.asked` returned of a folder."""
     stated: Stated = asked[0]
@@ -154,4 +169,4 @@ def warm() -> None:
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 
-TASKS = {task.__name__: task for task in (identified, corner, saved)}
+TASKS = {task.__name__: task for task in (identified, corner, saved, compared)}

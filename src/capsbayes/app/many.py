@@ -43,6 +43,9 @@ _NO_VELOCITY = (
 _ENOUGH = 12  # capsules for a diagnosis, half of which are held out
 _MOST_LISTED = 200  # capsules
 _REPORT = "report.html"
+_BATCH = ["capsbayes", "batch", ".", "--out", "population.nc", "--check", "0"]
+_POPULATION = [_BATCH, ["capsbayes", "report", "population.nc", "--out", "population.html"]], "population.html"
+_DIAGNOSIS = [["capsbayes", "diagnose", ".", "--out", "diagnosis"]], "diagnosis/study.html"
 _TAKEN = (*KINDS, ".zip")
 
 
@@ -136,8 +139,7 @@ class ManyStep:
                     velocity = QuantityField(label, ("mm/s", "um/s", "m/s"))
                 status = ui.label("waits").classes("bench-told")
                 differs = fields.notice()
-                remove = button("Remove", lambda: self._removed(file), "flat dense ")
-                remove.props(f'aria-label="Remove {name}"')
+                button("Remove", lambda: self._removed(file), f'flat dense aria-label="Remove {name}" ')
         file = _File(folder, name, velocity, status, differs, row, seen["stated"])
         self._files.append(file)
         self._compare(file, fill=True)
@@ -242,8 +244,8 @@ class ManyStep:
                 if overlay.is_file():
                     words = path.parent.name if path.parent != file.folder else "overlay"
                     ui.link(words, self.desk.bench.offer(overlay), new_tab=True)
-                    choose = button("Identify", partial(self._chosen, path.parent), "flat dense ")
-                    choose.props(f'aria-label="Identify {words} of {file.name}"')
+                    look = f'flat dense aria-label="Identify {words} of {file.name}" '
+                    button("Identify", partial(self._chosen, path.parent), look)
 
 
 class PopulationStep:
@@ -255,19 +257,23 @@ class PopulationStep:
     def __init__(self, desk: Desk, chosen: Callable[[Path], Awaitable[None]]) -> None:
         self.desk, self._chosen = desk, chosen
         self._last: tuple[Path, dict[str, Any]] | None = None
+        self._ticked: set[Path] = set()
         self._running: asyncio.Task[None] | None = None
         with step("7. All capsules"):
             self._count = ui.label()
             with ui.expansion("List of them"):
+                ui.label("Tick two or more that were identified, and press Compare.")
                 self._list = ui.column().classes("bench-files")
             with ui.row():
-                self._together = button("Look at all together", self._population)
+                self._compare = button("Compare", self._side_by_side)
+                self._together = button("Look at all together", partial(self._start, *_POPULATION))
                 self._flow = button("At which flow rate next?", self._design)
-                self._diagnose = button("What does the model miss?", self._diagnosis)
+                self._diagnose = button("What does the model miss?", partial(self._start, *_DIAGNOSIS))
                 self._all = button("Save all in one file", self._save)
             self._waiting = Progress()
             self._stop = button("Stop", lambda: self._running and self._running.cancel())
             self._result = fields.result()
+            self._compared = fields.result()
         self._stop.visible = False
         self.grown()
 
@@ -287,21 +293,45 @@ class PopulationStep:
         with self._list:
             for folder in sorted(found | {path.parent for path in bench.glob(f"*/{STATED}")})[:_MOST_LISTED]:
                 self._listed(folder, folder.relative_to(bench).as_posix(), counts=folder in found)
+        self._compare.enabled = len(self._ticked) > 1
 
     def _listed(self, folder: Path, name: str, *, counts: bool) -> None:
         """Show a capsule, with what can be done with it."""
         with ui.element("div").classes("bench-file"), ui.element("div"):
-            computed, words = self.desk.bench.computed.get(folder), ""
-            if computed is not None and not (computed.answer.done() and computed.answer.exception()):
-                words = ", identified" if computed.answer.done() else ", being identified"
-            ui.label(f"{name}{words}{'' if counts else ', not saved yet'}")
-            if (folder / _REPORT).is_file():
+            computed, saved = self.desk.bench.computed.get(folder), (folder / _REPORT).is_file()
+            found = folder in self.desk.bench.identified()
+            words = ", being identified" if computed is not None and not computed.answer.done() else ""
+            text = f"{name}{', identified' if found else words}{'' if counts else ', not saved yet'}"
+            if found or saved:
+                box = ui.checkbox(text, value=folder in self._ticked, on_change=partial(self._tick, folder))
+                box.props(f'dense aria-label="Compare {name}"')
+            else:
+                self._ticked.discard(folder)
+                ui.label(text)
+            if saved:
                 ui.link("report", self.desk.bench.offer(folder / _REPORT), new_tab=True)
-            again = button("Open", partial(self._chosen, folder), "flat dense ")
-            again.props(f'aria-label="Open {name} again"')
+            button("Open", partial(self._chosen, folder), f'flat dense aria-label="Open {name} again" ')
             if counts:
-                remove = button("Remove", partial(self._removed, folder), "flat dense ")
-                remove.props(f'aria-label="Remove {name} from all capsules"')
+                look = f'flat dense aria-label="Remove {name} from all capsules" '
+                button("Remove", partial(self._removed, folder), look)
+
+    def _tick(self, folder: Path) -> None:
+        """Take a capsule into the comparison, or out of it."""
+        self._ticked ^= {folder}
+        self._compare.enabled = len(self._ticked) > 1
+        self.desk.bench.identifying.start()  # which takes its time
+
+    async def _side_by_side(self) -> None:
+        """Show the capsules that are ticked side by side."""
+        bench, found = self.desk.bench, self.desk.bench.identified()
+        names = {folder.relative_to(bench.folder).as_posix(): folder for folder in sorted(self._ticked)}
+        chosen = {name: (str(folder), found.get(folder)) for name, folder in names.items()}
+        self._compared.clear()
+        with self._compared, fields.waiting(f"{len(chosen)} capsules are compared", self._compare):
+            densities, table = await bench.identifying.run("compared", seconds=LONGEST, capsules=chosen)
+            ui.html(densities, sanitize=False).classes("bench-densities bench-few")
+            shown = ui.html(table, sanitize=False).classes("bench-wide bench-compared")
+            shown.props('tabindex=0 role=region aria-label="Capsules side by side"')
 
     def _removed(self, folder: Path) -> None:
         """Give the measurement of a capsule a name that no command reads; its files stay."""
@@ -310,18 +340,10 @@ class PopulationStep:
 
     async def _save(self) -> None:
         """Download the folders of all capsules in one file, which step 6 takes."""
-        bench, self._all.enabled = self.desk.bench, False
-        try:
+        bench = self.desk.bench
+        with self._compared, fields.waiting("All capsules are packed", self._all):
             await bench.measuring.run("packed", seconds=LONGEST, folder=str(bench.folder), most=MOST_BYTES)
             ui.download.from_url(bench.offer(bench.folder / PACKED), time.strftime("capsbayes-bench-%Y-%m-%d.zip"))
-        except WorkFailedError as error:
-            ui.notify(str(error), type="negative", timeout=10_000)
-        finally:
-            self._all.enabled = True
-
-    def _population(self) -> None:
-        batch = ["capsbayes", "batch", ".", "--out", "population.nc", "--check", "0"]
-        self._start([batch, ["capsbayes", "report", "population.nc", "--out", "population.html"]], "population.html")
 
     def _design(self) -> None:
         assert self._last is not None, "the button waits for a saved capsule"
@@ -333,9 +355,6 @@ class PopulationStep:
             "--radius", f"{1e6 * radius[0]:.4g} +/- {1e6 * radius[1]:.2g} um",
         ]  # fmt: skip
         self._start([["capsbayes", "sensitivity", "flow", *expected, "--like", measured]])
-
-    def _diagnosis(self) -> None:
-        self._start([["capsbayes", "diagnose", ".", "--out", "diagnosis"]], "diagnosis/study.html")
 
     def _start(self, commands: list[list[str]], page: str = "") -> None:
         self._running = asyncio.create_task(self._run(commands, page))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,8 @@ _OBEYS = {
     "blatz-ko": "obeys the Blatz-Ko law",
     UNKNOWN: "obeys one of the model's laws",
 }
+_COMPARED = ("surface_shear_modulus", "capsule_radius", "capillary_number", "size_ratio")
+_DIFFER = "Medians with 95 % intervals. ≠ marks what was stated differently, and intervals that do not overlap."
 _PRIOR = ("mean", "sd", "low", "high")
 _OF_LAW = ("area_dilation_modulus", "strain_hardening", "hardening", "hooke_share")
 _PLACES = {
@@ -347,7 +349,7 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
     rows = []
     for name, prior in posterior.as_dict()["prior"].items():
         parameter = PARAMETERS[name]
-        unit, shown = unit_of(parameter), {key: f"{parameter.shown(prior[key]):g}" for key in _PRIOR if key in prior}
+        unit, shown = unit_of(parameter), {key: f"{parameter.shown(prior[key]):.5g}" for key in _PRIOR if key in prior}
         if prior.get("sd") == 0.0:
             words = f"known, {shown['mean']}{unit}"
         elif math.isinf(prior["low"]) or math.isinf(prior["high"]):
@@ -356,6 +358,39 @@ def prior_table(posterior: Posterior) -> pd.DataFrame:
             words = f"{prior['distribution']} from {shown['low']} to {shown['high']}{unit}"
         rows.append((Symbols(parameter.symbol), parameter.meaning, words))
     return table(("", "", "prior"), rows, title="Priors")
+
+
+def comparison_table(posteriors: Mapping[str, Posterior]) -> pd.DataFrame:
+    """Return what was found and stated of capsules by their names, one column each, with ≠ in rows that differ."""
+    rows = []
+    for name in _COMPARED:
+        found = [posterior.marginals[name] for posterior in posteriors.values()]
+        cells = [f"{median} ({ends})" for median, _, ends in (marginal_cells(name, marginal) for marginal in found)]
+        apart = max(marginal.lower_95 for marginal in found) > min(marginal.upper_95 for marginal in found)
+        rows.append(_compared(PARAMETERS[name].label, cells, differ=apart))
+    stated = [dict(_stated(posterior)) for posterior in posteriors.values()]
+    for label in dict.fromkeys(label for column in stated for label in column):
+        cells = [column.get(label, "") for column in stated]
+        rows.append(_compared(label, cells, differ=len(set(cells)) > 1))
+    return table(("", *posteriors), rows, title="Capsules side by side", note=_DIFFER)
+
+
+def _compared(label: str, cells: Sequence[str], *, differ: bool) -> tuple[str, ...]:
+    return (Symbols(f"≠ {label}"), *map(Strong, cells)) if differ else (Symbols(label), *cells)
+
+
+def _stated(posterior: Posterior) -> Iterator[tuple[str, str]]:
+    """Yield whether a posterior can be used, and what it was computed from but the measured lengths."""
+    yield "can be used", "yes" if posterior.status.ok else f"no: {posterior.status}"
+    yield "membrane", membrane_words(posterior.model_name)
+    yield "cross-section of the channel", posterior.experiment.cross_section
+    for symbol, _, words in prior_table(posterior)[:2].itertuples(
+        index=False
+    ):  # of G_s and a, the others are a model's
+        yield f"prior of {symbol}", words
+    for label, words, _ in input_table(posterior).itertuples(index=False):
+        if label not in map(input_words, ("axial_extent", "axial_length")):
+            yield label, words
 
 
 def tension_table(tension: MembraneTension) -> pd.DataFrame:

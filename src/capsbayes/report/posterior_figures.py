@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ _DIMENSION_LINE = 1.36  # height of the arrow of L_z, over l
 _TOP = 1.8  # of the picture of the outline, over l
 _OVERLAY = "overlay.png"  # as capsbayes measure and identify name it
 _WIDEST = 1200  # px, of a picture
+_LINES = ("-", "--", ":", "-.")  # of capsules next to each other, whose colours differ too
 _WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
 
 
@@ -112,11 +113,9 @@ def corner_of_all(posterior: Posterior) -> Figure:
 def density_figure(posterior: Posterior, name: str, *, width: float = 3.6) -> Figure:
     """Draw the density of a quantity with its median, and its 68 and 95 % intervals shaded."""
     parameter, marginal = PARAMETERS[name], posterior.marginals[name]
-    heights, edges = np.histogram(parameter.scale * np.ravel(posterior.draws[name]), bins=80, density=True)
-    places = 0.5 * (edges[1:] + edges[:-1])
-    heights = gaussian_filter1d(heights, 2.0)
-    figure = new_figure(width, 0.45 * width)
-    ax = framed(figure.subplots())
+    places, heights = _density(posterior, name)
+    figure, ax = new_plot(width, 0.45 * width)
+    framed(ax)
     for level, colour in ((95, FILL), (68, PALE)):
         low, high = map(parameter.shown, marginal.ends(level))
         fine = np.linspace(low, high, 200)
@@ -126,6 +125,24 @@ def density_figure(posterior: Posterior, name: str, *, width: float = 3.6) -> Fi
     ax.set(xlabel=parameter.axis_label, yticks=[], ylim=(0.0, None))
     ax.legend(frameon=False, fontsize=8, loc="upper right", handlelength=1.2)
     return figure
+
+
+def densities_figure(posteriors: Mapping[str, Posterior], name: str, *, width: float = 4.0) -> Figure:
+    """Draw the densities of a quantity of several capsules, by their names, each as high as the others."""
+    figure, ax = new_plot(width, 0.5 * width)
+    for number, (capsule, posterior) in enumerate(posteriors.items()):
+        places, heights = _density(posterior, name)
+        ax.plot(places, heights / heights.max(), _LINES[number % len(_LINES)], linewidth=1.4, label=capsule)
+    framed(ax).set(xlabel=PARAMETERS[name].axis_label, yticks=[], ylim=(0.0, None))
+    style.legend_below(figure, ax, 2, fontsize=8)
+    return figure
+
+
+def _density(posterior: Posterior, name: str) -> tuple[Floats, Floats]:
+    """Return places in the display unit, and the smoothed density of a quantity there."""
+    draws = PARAMETERS[name].scale * np.ravel(posterior.draws[name])
+    heights, edges = np.histogram(draws, bins=80, density=True)
+    return 0.5 * (edges[1:] + edges[:-1]), gaussian_filter1d(heights, 2.0)
 
 
 def _title(parameter: Parameter, marginal: Marginal) -> str:
