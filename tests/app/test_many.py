@@ -1,6 +1,7 @@
 """Several files on the page, each with a velocity of its own or the flow rate of step 3; and all capsules together."""
 
 import asyncio
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -136,3 +137,30 @@ def test_the_next_flow_rate_is_computed_for_the_last_capsule_wherever_it_is_kept
     assert folder / words[words.index("--like") + 1] == kept
     assert words[words.index("--radius") + 1] == "23.5 +/- 0.2 um"
     assert words[words.index("--shear-modulus") + 1] == "50 +/- 2 mN/m"
+
+
+def test_a_file_of_capsules_is_loaded_behind_a_bar_with_words(tmp_path, monkeypatch):
+    bench, go_on = Bench(tmp_path), asyncio.Event()
+
+    async def run(task, **how):
+        await go_on.wait()
+        with zipfile.ZipFile(how["name"]):
+            return 2, 0
+
+    monkeypatch.setattr(bench.measuring, "run", run)
+
+    async def given():
+        async with user_simulation(lambda: many.ManyStep(Desk(bench), lambda: None, print, {})) as user:
+            await user.open("/")
+            upload = next(iter(user.find(marker="many").elements))
+            with zipfile.ZipFile(tmp_path / "kept.zip", "w") as kept:
+                kept.writestr("capsule/measurement.toml", "")
+            content = (tmp_path / "kept.zip").read_bytes()
+            handled = asyncio.create_task(upload.handle_uploads([ui.upload.SmallFileUpload("kept.zip", "", content)]))
+            await user.should_see("kept.zip is loaded")
+            go_on.set()
+            await handled
+            await user.should_see("kept.zip: 2 folders loaded. Step 7 lists the capsules.")
+            await user.should_not_see("kept.zip is loaded")
+
+    asyncio.run(asyncio.wait_for(given(), 60))

@@ -147,18 +147,14 @@ class ManyStep:
 
     async def _load(self, event: events.UploadEventArguments, name: str) -> None:
         """Take back the capsules that were saved in one file."""
-        bench = self.desk.bench
-        with tempfile.TemporaryDirectory(prefix=".", dir=bench.folder) as place:
+        bench, folder = self.desk.bench, str(self.desk.bench.folder)
+        private = tempfile.TemporaryDirectory(prefix=".", dir=folder)
+        with self._list, fields.waiting(f"{name} is loaded"), private as place:
             await event.file.save(kept := Path(place) / name)
-            try:
-                new, known = await bench.measuring.run(
-                    "unpacked", seconds=LONGEST, folder=str(bench.folder), name=str(kept)
-                )
-                left = f", {known} left out, whose pictures are here already" * bool(known)
-                words = f"{name}: {counted(new, 'folder')} loaded{left}. Step 7 lists the capsules."
-                ui.notify(words, type="positive", timeout=10_000)
-            except WorkFailedError as error:
-                self._message.text = str(error)
+            new, known = await bench.measuring.run("unpacked", seconds=LONGEST, folder=folder, name=str(kept))
+            left = f", {known} left out, whose pictures are here already" * bool(known)
+            words = f"{name}: {counted(new, 'folder')} loaded{left}. Step 7 lists the capsules."
+            ui.notify(words, type="positive", timeout=10_000)
         self._grown()
 
     def _compare(self, file: _File, *, fill: bool = False) -> None:
