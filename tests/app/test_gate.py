@@ -11,6 +11,7 @@ import re
 import shlex
 import signal
 import stat
+import subprocess
 import sys
 
 import httpx
@@ -213,3 +214,25 @@ def test_a_folder_that_others_could_enter_is_closed_to_them_unless_they_need_it(
     with pytest.raises(InputError, match=r"app: --folder: expected a folder that only you can enter, got .*share"):
         make_private(tmp_path)
     assert stat.S_IMODE(tmp_path.stat().st_mode) == 0o1777
+
+
+IMPORTED = """
+import os, signal, sys, time
+from pathlib import Path
+from capsbayes.app import server
+
+def opened(address):
+    while not hasattr(sys.modules.get("capsbayes.infer"), "Prior"):
+        time.sleep(0.05)
+    print("imported", flush=True)
+    os.kill(os.getpid(), signal.SIGINT)
+
+assert "capsbayes.infer" not in sys.modules, "the first page would wait for it"
+server.serve(Path(sys.argv[1]), 0, opened)
+"""
+
+
+def test_what_checks_priors_is_imported_before_one_is_typed(tmp_path):
+    words = [sys.executable, "-c", IMPORTED, str(tmp_path / "bench")]
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
+    assert "imported" in ended.stdout.splitlines(), ended.stderr

@@ -12,6 +12,7 @@ import stat
 import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -178,6 +179,8 @@ def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webb
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         app.include_router(bench.router())
         pages.on_startup(bench.measuring.start)  # that of posteriors starts with the first picture, and has time
+        # priors are checked by it, which takes a second to import: the page would stand still when the first is typed
+        pages.on_startup(Thread(target=import_module, args=("capsbayes.infer",), daemon=True).start)
         pages.on_shutdown(bench.stop)
         looks: dict[str, Any] = {"title": "capsbayes", "dark": None, "show_welcome_message": False, "tailwind": False}
         ui.run_with(app, root=lambda: bench_page(bench), reconnect_timeout=30.0, **looks)
