@@ -92,12 +92,14 @@ simulator at refinement 12, at places between those of the databases; what a cam
 geometry.
 
 The halves differ in their seeds. The locked half is opened only with the code of the diagnosis that was recorded
-before (`--freeze`). The answers of the development half may be of several versions of the code, and do not examine the
-last one. Bounds in brackets are one-sided, 95 % each: of independent sessions, or of a bootstrap over sessions and
-shapes where these are wider. A requirement on an interval is met by the share itself, any other by its bound; if not,
-it is missed once all sessions of the half are diagnosed. Shares of all sessions are those of this mix of effects, a
-third each with nothing hidden, with effects of the catalogue and with others; patterns, which are what the diagnosis
-itself takes for something else, are shown but not counted."""
+before (`--freeze`). Its laboratories, capsules and errors are drawn anew in each edition of the exam; its shapes are
+those of the third, whose answers led to what the fourth, this one, examines: how G_s is averaged. The answers of the
+development half may be of several versions of the code, and do not examine the last one. Bounds in brackets are
+one-sided, 95 % each: of independent sessions, or of a bootstrap over sessions and shapes where these are wider. A
+requirement on an interval is met by the share itself, any other by its bound; if not, it is missed once all sessions of
+the half are diagnosed. Shares of all sessions are those of this mix of effects, a third each with nothing hidden, with
+effects of the catalogue and with others; patterns, which are what the diagnosis itself takes for something else, are
+shown but not counted."""
 _COLUMNS = """\
 None: no disagreement was found. Right: the effect is named. Small set: it is one of at most {small} explanations, of
 which something else may be one, that the session does not distinguish; large set: of more. Part: one of two effects is

@@ -185,7 +185,7 @@ def _log_uniform(rng: np.random.Generator, ends: tuple[float, float]) -> float:
 
 # Cells
 
-HALVES = {"locked": 5, "development": 4}
+HALVES = {"locked": 6, "development": 4}
 """Halves of the exam in the order of their page, and which range of seeds each has; no range is used twice."""
 
 _FIRST_BLOCK = {"locked": 20, "development": 0}
