@@ -48,7 +48,7 @@ _HOME = {name: f"capsbayes.{home}" for home, names in _NAMES.items() for name in
 _ROOMS = ("effects", "surrogate", "testing")  # as in cb.effects.catalogue()
 
 __all__ = [*sorted(_HOME), *_ROOMS, "__version__"]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from capsbayes import effects, surrogate, testing
