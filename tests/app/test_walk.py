@@ -485,7 +485,7 @@ def test_a_picture_that_states_the_size_of_a_pixel_contradicts_a_wrong_half_widt
     """The channel is twice as wide as half its width."""
     path = tmp_path / "capsule.tif"
     with PIL.Image.open(picture) as drawn:
-        drawn.save(path, tiffinfo={270: "ImageJ=1.53t\nunit=micron\n", 282: 1.0 / 0.4525, 296: 1})
+        drawn.save(path, tiffinfo={270: "ImageJ=1.53t\nunit=micron\n", 282: 1.0 / 0.46, 296: 1})
     page, said = opened(browser, bench[1])
     page.locator("input[type=file]").first.set_input_files(path)
     by_file = r"5\d\.?\d* µm by the size of a pixel in the file\."
