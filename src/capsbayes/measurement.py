@@ -20,7 +20,7 @@ from capsbayes.files.output_file import together, write_file
 from capsbayes.footing import on_mirror
 from capsbayes.parameters import STATED
 from capsbayes.profile import arc_length, check_simple, signed_area
-from capsbayes.quantity import Given, Quantity, settle
+from capsbayes.quantity import Given, Quantity, settle, uncertain
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 
@@ -608,6 +608,17 @@ class Measurement(Readable):
         both = [self.axial_extent] if self.axial_length is None else [self.axial_extent, self.axial_length]
         return np.array(both)
 
+    def named_experiment(self, advice: str) -> Path:
+        """Return the file of its experiment; refuse a measurement that names none."""
+        if self.experiment_file is None:
+            raise InputError(self.source, "experiment", "the name of a file", "nothing", advice)
+        return self.experiment_file
+
+    @property
+    def view(self) -> str:
+        """View of the outline, the mid-plane if there is none."""
+        return MID_PLANE if self.outline is None else self.outline.view
+
     @property
     def length_with_outline(self) -> tuple[float, float] | None:
         """L_a and its standard error where the outline is a silhouette, which does not show it, else None."""
@@ -634,11 +645,7 @@ def _measured(*units: str) -> Reader:
     """Return a reader of measured quantities, which refuses one without an error: nothing would follow from it."""
 
     def read(given: Given, where: str, key: str) -> Quantity:
-        name = key.removeprefix("measurement.")
-        made = Quantity.of(given, name, where=where, key=key, units=units)
-        if made.known or made.shape != "normal":
-            raise InputError(where, key, f'a standard error, as in "{STATED[name].example}"', str(given))
-        return made
+        return uncertain(given, key.removeprefix("measurement."), where=where, key=key, units=units)
 
     return read
 

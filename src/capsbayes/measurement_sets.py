@@ -369,7 +369,8 @@ def _is_experiment(file: Path) -> bool:
 
 def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Measurement, ...], Experiment]:
     """Return the first experiment, and the measurements with their own conditions if they name several."""
-    files = [_named(measurement) for measurement in measurements]
+    advice = "give one for all with experiment=..., or --experiment"
+    files = [measurement.named_experiment(advice).resolve() for measurement in measurements]
     known = {file: Experiment.read(file) for file in dict.fromkeys(files)}
     first = known[files[0]]
     for other in known.values():
@@ -381,13 +382,6 @@ def _each_under_its_own(measurements: tuple[Measurement, ...]) -> tuple[tuple[Me
     conditions = {file: {name: getattr(known[file], name).mean for name in CONDITIONS} for file in known}
     pairs = zip(measurements, files, strict=True)
     return tuple(replace(measurement, conditions=conditions[file]) for measurement, file in pairs), first
-
-
-def _named(measurement: Measurement) -> Path:
-    if measurement.experiment_file is None:
-        advice = "give one for all with experiment=..., or --experiment"
-        raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
-    return measurement.experiment_file.resolve()
 
 
 # A set as a table: lengths and velocities, one row a capsule, as a CSV, Parquet or NetCDF file or a pandas DataFrame.
@@ -637,10 +631,7 @@ _READERS = dict.fromkeys(SHEETS, read_table) | {".nc": read_netcdf}
 
 
 def read_set(path: str | Path, experiment: Experiment | str | Path | None = None) -> MeasuredSet:
-    """Read a folder of measurement files, a table of lengths (.csv, .xlsx) or a file of outlines (.nc).
-
-    An experiment is needed where the set does not name its own.
-    """
+    """Read a folder of measurement files, a table (.csv, .xlsx) or a file of outlines; it may name its experiment."""
     path = Path(path)
     if path.is_dir():
         return read_folder(path, experiment)

@@ -118,11 +118,8 @@ class ParsedText(NamedTuple):
 
 
 def parsed(text: str, units: Sequence[str], *, where: str, key: str, wanted: str) -> ParsedText:
-    """Split a text into its numbers and their units, and convert the numbers to the SI unit that fits.
-
-    The page on conventions says what can be written, under "How a quantity is written". An empty unit allows a bare
-    number; `wanted` says what would have been right.
-    """
+    """Split a text into its numbers, in the SI unit that fits, of which an empty one allows a bare number."""
+    # The page on conventions says what can be written, under "How a quantity is written".
     stated = repr(text if len(text) <= _LONGEST else f"{text[:40]} ...")
 
     def refused(mistake: str = "", advice: str = "") -> InputError:
@@ -658,6 +655,25 @@ class Quantity:
 
     def __repr__(self) -> str:
         return f"Quantity.of({str(self)!r})"
+
+
+def uncertain(
+    given: object,
+    name: str = "",
+    *,
+    where: str,
+    key: str = "",
+    units: Sequence[str],
+    example: str = "",
+    signed: bool = False,
+    normal: bool = True,
+) -> Quantity:
+    """Return a quantity, see `Quantity.of`, that needs a standard error, and is `normal` unless others will do."""
+    made = Quantity.of(given, name, where=where, key=key, units=units, example=example, signed=signed)
+    if made.known or (normal and made.shape != "normal"):
+        expected = f'a standard error, as in "{example or STATED[name].example}"'
+        raise InputError(where, key, expected, repr(given) if isinstance(given, str) else str(given))
+    return made
 
 
 def _of_pint(given: Any, where: str, key: str, units: Sequence[str]) -> Quantity:

@@ -22,9 +22,9 @@ from capsbayes.image.measure import detect, measurement_of, write_detection
 from capsbayes.infer import Membrane, Posterior, Prior
 from capsbayes.infer.identify import identify, with_other_laws
 from capsbayes.infer.outline import band
-from capsbayes.measurement import MID_PLANE, Measurement
+from capsbayes.measurement import Measurement
 from capsbayes.model import ForwardModel
-from capsbayes.quantity import Quantity
+from capsbayes.quantity import Quantity, uncertain
 from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
 from capsbayes.report.numbers import value_words
@@ -90,10 +90,7 @@ def saved(folder: str, stated: Stated) -> list[str]:
 
 
 def compared(capsules: dict[str, tuple[str, tuple[Any, ...] | None]]) -> tuple[str, str]:
-    """Return the densities of G_s of several capsules, and a table of them, as HTML.
-
-    Given are their folders, and what `Stated.asked` returned, None for what was saved.
-    """
+    """Return densities and table of G_s as HTML, of capsules by folder and what `Stated.asked` gave, None if saved."""
     posteriors = {}
     for name, (folder, asked) in capsules.items():
         with contextlib.chdir(folder):
@@ -117,7 +114,7 @@ def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     if not measurement.status.ok:
         raise InputError(stated.picture, "", "a capsule that can be measured", page_words(measurement.status))
     membrane = Membrane(stated.membrane) if stated.membrane else None
-    model = _opened(experiment.cross_section, _view(measurement), known=membrane is None)
+    model = _opened(experiment.cross_section, measurement.view, known=membrane is None)
     prior = Prior().with_texts(stated.priors())
     posterior = identify(
         measurement, model, experiment, engine=stated.engine, seed=SEED, prior=prior, membrane=membrane
@@ -125,10 +122,6 @@ def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     if not model.coordinates:
         posterior = with_other_laws(posterior)
     return _Answer(seen, measurement, posterior)
-
-
-def _view(measurement: Measurement) -> str:
-    return MID_PLANE if measurement.outline is None else measurement.outline.view
 
 
 @functools.lru_cache(maxsize=4)
@@ -145,17 +138,12 @@ def _speeds(stated: Stated, experiment: Experiment) -> tuple[Quantity | None, Qu
         return None, None
     rate = speed = None
     if stated.flow_rate:
-        rate = _with_error("flow rate", stated.flow_rate, "flow_rate", "m^3/s", "0.56 +/- 0.01 uL/min")
+        example = "0.56 +/- 0.01 uL/min"
+        rate = uncertain(stated.flow_rate, "flow_rate", where="flow rate", units=("m^3/s",), example=example)
     if stated.velocity or rate is None:
-        speed = _with_error("velocity", stated.velocity, "capsule_velocity", "m/s", "6.20 +/- 0.06 mm/s")
+        example = "6.20 +/- 0.06 mm/s"
+        speed = uncertain(stated.velocity, "capsule_velocity", where="velocity", units=("m/s",), example=example)
     return speed, rate
-
-
-def _with_error(where: str, text: str, name: str, unit: str, example: str) -> Quantity:
-    read = Quantity.read(text, where=where, key="", units=(unit,), example=example)
-    if read.known:
-        raise InputError(where, "", f'a standard error, as in "{example}"', repr(text))
-    return Quantity.of(read, name, where=where, key="")
 
 
 def warm() -> None:
@@ -165,7 +153,7 @@ def warm() -> None:
     with contextlib.suppress(CapsbayesError):
         seen = Picture.read(EXAMPLE_PICTURE)
         measurement = measurement_of(detect(seen), seen, experiment, *_speeds(stated, experiment))
-        model = _opened("square", _view(measurement), known=True)
+        model = _opened("square", measurement.view, known=True)
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 

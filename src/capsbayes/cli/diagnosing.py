@@ -15,6 +15,7 @@ from capsbayes.cli.options import CapsulesFile, ExperimentFile, ModelName, Seed,
 from capsbayes.cli.output import conclude, tell
 from capsbayes.errors import InputError
 from capsbayes.files.output_file import together, write_file
+from capsbayes.quantity import uncertain
 from capsbayes.report.files import Writer, json_file
 from capsbayes.report.numbers import counted
 
@@ -109,9 +110,9 @@ def _measured(texts: list[str], effects: Mapping[str, Effect]) -> dict[str, tupl
         unit = effects[name].parameter.unit
         bare = "" if unit == "-" else unit
         example = f"0.3 +/- 0.1 {bare}".strip()
-        read = cb.Quantity.read(stated, where="--measured", key=name, units=(bare,), example=example, signed=True)
-        if not read.error:
-            raise InputError("--measured", name, f'a standard error, as in "{example}"', repr(stated))
+        read = uncertain(
+            stated, where="--measured", key=name, units=(bare,), example=example, signed=True, normal=False
+        )
         sizes[name] = read.value, read.error
     return sizes
 

@@ -12,6 +12,7 @@ import capsbayes as cb
 from capsbayes.cli.command import Input, Option, Options, Reads
 from capsbayes.errors import InputError
 from capsbayes.parameters import COORDINATES
+from capsbayes.quantity import uncertain
 
 if TYPE_CHECKING:
     from capsbayes.image import ByHand
@@ -175,10 +176,7 @@ class PictureOptions(Options):
                 raise InputError(option, "", "one capsule, as each has a velocity of its own", several, advice)
             if name in speeds:
                 raise InputError(option, "", "one velocity", "--velocity too")
-            read = cb.Quantity.read(text, where=option, key="", units=(unit,), example=example)
-            if read.known or read.shape != "normal":
-                raise InputError(option, "", f'a standard error, as in "{example}"', repr(text))
-            speeds[name] = cb.Quantity.of(read, name, where=option, key="")
+            speeds[name] = uncertain(text, name, where=option, units=(unit,), example=example)
         return speeds
 
 
@@ -277,11 +275,7 @@ def membrane_of(
 
 def named_experiment(measurement: cb.Measurement, experiment: Path | None) -> cb.Experiment:
     """Return the experiment of a measurement: of the option ``--experiment``, or of the file that it names."""
-    path = experiment or measurement.experiment_file
-    if path is None:
-        advice = "name it, or use --experiment"
-        raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
-    return cb.Experiment.read(path)
+    return cb.Experiment.read(experiment or measurement.named_experiment("name it, or use --experiment"))
 
 
 def named_model(database: str | None, cross_section: str, view: str | None = None) -> cb.Surrogate | EffectSurrogate:
@@ -295,11 +289,8 @@ def capsule_model(
     database: str | None, membrane: cb.Membrane | None, experiment: cb.Experiment, measurement: cb.Measurement
 ) -> ForwardModel:
     """Return the model over the membrane if something is said of it, or that of ``--database``; both are refused."""
-    from capsbayes.measurement import MID_PLANE
-
-    view = MID_PLANE if measurement.outline is None else measurement.outline.view
     if membrane is None:
-        return named_model(database, experiment.cross_section, view)
+        return named_model(database, experiment.cross_section, measurement.view)
     if database is not None:
         raise InputError("identify", "--membrane (or [membrane]), --database", "one of the two", "both")
-    return cb.MembraneSurrogate.open(experiment.cross_section, view=view)
+    return cb.MembraneSurrogate.open(experiment.cross_section, view=measurement.view)

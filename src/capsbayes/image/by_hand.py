@@ -18,7 +18,7 @@ from capsbayes.errors import InputError
 from capsbayes.image.background import CONTRASTS
 from capsbayes.image.files import SMALLEST_SIDE
 from capsbayes.image.walls import WallLines
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, uncertain
 
 WALL_ERROR = 1.0  # px: of a wall placed by hand, whose line is some pixels wide, unless another error is stated
 _LINE = 2.0  # px: standard deviation of the dark line of a wall that was not fitted, as of a bundle of thin lines
@@ -119,11 +119,14 @@ class ByHand:
         if self.rotate is not None and str(self.rotate) not in _TURNS:
             raise InputError("rotate", "", f"{', '.join(_TURNS)} degrees clockwise", repr(self.rotate))
         if self.pixel_size is not None:
-            self.pixel_size = uncertain(self.pixel_size, "pixel size", "m", "0.340 +/- 0.003 um")
+            self.pixel_size = length(self.pixel_size, "pixel size", "0.340 +/- 0.003 um")
         if self.edge_offset is not None:
             given = self.edge_offset
             given = given.strip().removesuffix("px") if isinstance(given, str) else given
-            self.edge_offset = uncertain(given, "edge offset", "", "0.12 +/- 0.05 px")
+            example = "0.12 +/- 0.05 px"
+            self.edge_offset = uncertain(
+                given, where="edge offset", units=("",), example=example, signed=True, normal=False
+            )
             if not abs(self.edge_offset.mean) + self.edge_offset.sd < _LARGEST_OFFSET:
                 raise InputError("edge offset", "", f"less than {_LARGEST_OFFSET:g} px", str(self.edge_offset))
         if self.walls is not None and self.pixel_size is not None:
@@ -218,12 +221,9 @@ def _around_rows(axis: Floats, columns: int, half_width: float, error: float, st
     return WallLines(float(axis.mean()), 0.5 * (columns - 1), tilt, float(half_width), float(error), _LINE, stated)
 
 
-def uncertain(given: Given, name: str, unit: str, example: str) -> Quantity:
-    """Return a quantity that needs a standard error."""
-    made = Quantity.of(given, where=name, key="", units=(unit,), example=example, signed=not unit)
-    if made.known:
-        raise InputError(name, "", f'a standard error, as in "{example}"', str(given))
-    return made
+def length(given: object, where: str, example: str) -> Quantity:
+    """Return a length [m] that needs a standard error."""
+    return uncertain(given, where=where, units=("m",), example=example, normal=False)
 
 
 def _numbers(given: Any, name: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...] | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from capsbayes.errors import InputError
 from capsbayes.image.background import Contrast, estimate_background, find_blobs, transmission
-from capsbayes.image.by_hand import ByHand, uncertain
+from capsbayes.image.by_hand import ByHand, length
 from capsbayes.image.edges import EDGE_FLOOR, EdgeOutline, locate_edge, pixel_noise, points_variance
 from capsbayes.image.files import Picture
 from capsbayes.image.walls import WallLines
@@ -42,8 +42,8 @@ def edge_offset_of(picture: Picture, diameter: Given, pixel_size: Given, *, by_h
         If no round target is found, or several.
     """
     by_hand = by_hand or ByHand()
-    size = uncertain(pixel_size, "pixel size", "m", "0.340 +/- 0.003 um")
-    across = uncertain(diameter, "target", "m", "20.0 +/- 0.1 um")
+    size = length(pixel_size, "pixel size", "0.340 +/- 0.003 um")
+    across = length(diameter, "target", "20.0 +/- 0.1 um")
     outline = _round_edge(picture.linear(by_hand.gamma).cut(by_hand.part(picture.shape)), by_hand.contrast)
     area = abs(signed_area(outline.points))
     found, true = float(np.sqrt(area / np.pi)), 0.5 * across.value / size.value

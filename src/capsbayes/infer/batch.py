@@ -109,10 +109,7 @@ class Run:
         """Return the experiment of the run, or that which the measurement names, with the conditions of the capsule."""
         known = self.experiment
         if known is None:
-            if measurement.experiment_file is None:
-                advice = "name it there, or give one for all"
-                raise InputError(measurement.source, "experiment", "the name of a file", "nothing", advice)
-            known = Experiment.read(measurement.experiment_file)
+            known = Experiment.read(measurement.named_experiment("name it there, or give one for all"))
         own: dict[str, Any] = {}
         for name, value in measurement.conditions.items():
             usual = getattr(known, name)

@@ -22,7 +22,7 @@ from capsbayes.files.output_file import write_dataset
 from capsbayes.infer.checks import Agreement, Gate
 from capsbayes.infer.predictive import Predictive
 from capsbayes.infer.prior import LIMITED, THICKNESS, Inputs, Marginal, Prior
-from capsbayes.measurement import MID_PLANE, MeasuredOutline, Measurement, OutlineNoise, Pose
+from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.model import ForwardModel, name_parts
 from capsbayes.parameters import PARAMETERS
 from capsbayes.quantity import Quantity, json_number
@@ -656,8 +656,7 @@ class Posterior:
                 raise InputError(where, "model", expected, "nothing, and no such database comes with the library")
             from capsbayes.surrogate import Surrogate
 
-            outline = self.measurement.outline
-            model = Surrogate.open(name, view=MID_PLANE if outline is None else outline.view)
+            model = Surrogate.open(name, view=self.measurement.view)
         if model.sha256 != self.model_sha256:
             expected = f"the model of the posterior, {self.model_name}, sha256 {self.model_sha256[:12]}"
             got = f"{model.name}, sha256 {model.sha256[:12]}"

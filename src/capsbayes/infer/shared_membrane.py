@@ -58,7 +58,7 @@ from capsbayes.infer.proposal import (
     weight_gates,
 )
 from capsbayes.infer.verdict import range_leanings
-from capsbayes.measurement import MID_PLANE, Measurement
+from capsbayes.measurement import Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
 from capsbayes.quantity import Quantity
@@ -311,12 +311,6 @@ def wide_weights(draws: Draws) -> Floats:
     return _changed(draws, (_WIDE - 1.0) * draws.found.log_likelihood)
 
 
-def raised_weights(draws: Draws) -> Floats:
-    """Return log weights of a posterior whose log density is raised where the model is unsure : (d,) array."""
-    # Some errors of the model have it as high there, so that their share of the average rests on draws there.
-    return _changed(draws, _RAISED * np.sqrt(draws.found.likely_variance))
-
-
 def _changed(draws: Draws, by: Floats) -> Floats:
     return np.where(np.isfinite(draws.log_weights), draws.log_weights + by, -np.inf)
 
@@ -381,7 +375,10 @@ class MembraneSampling(Sampler):
         return averaged_draws(draws).log_weights
 
     def refitted(self, draws: Draws, first: int) -> Proposal:
-        return fitted(draws.points, raised_weights(draws), len(draws.points))
+        # Where the model is unsure, some errors of it have the density so high that their share of the average rests
+        # on draws there.
+        raised = _changed(draws, _RAISED * np.sqrt(draws.found.likely_variance))
+        return fitted(draws.points, raised, len(draws.points))
 
     def result(self, draws: Draws, proposal: Proposal) -> Sampled:
         log_weights, evidence = averaged_draws(draws)
@@ -789,9 +786,7 @@ def model_of(
         raise InputError(_HERE, "measurements", "at least one", "none")
     for measurement in measurements:
         check_comparable(measurement, measurement.source or "measurement")
-    outline = measurements[0].outline
-    view = MID_PLANE if outline is None else outline.view
-    model = model or MembraneSurrogate.open(experiment.cross_section, view=view)
+    model = model or MembraneSurrogate.open(experiment.cross_section, view=measurements[0].view)
     for measurement in measurements:
         check_applies(model, measurement, experiment)
     return model

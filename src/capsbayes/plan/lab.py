@@ -100,7 +100,7 @@ class LabErrors:
             measurement.length_correlation,
             measurement.over_half_width,
             None if outline is None else outline.noise,
-            MID_PLANE if outline is None else outline.view,
+            measurement.view,
             None if not rate else max((measurement.flow_rate_error or 0.0) / rate, _SURE),
         )
 
