@@ -72,17 +72,10 @@ class PosteriorDensity:
         likelihood = LengthsLikelihood.of(measurement)
         return cls(likelihood, prior, inputs, error_scale, coordinates, dilation=dilation)
 
-    def evaluated(
-        self,
-        model: ForwardModel,
-        ca: Floats,
-        size: Floats,
-        further: Mapping[str, Floats] | None = None,
-        *,
-        outline: bool = True,
-    ) -> ModelAtPoints:
-        """Evaluate a model, Lambda included; everything is NaN outside its domain."""
-        theta = {"capillary_number": ca, "size_ratio": size, **(further or {})}
+    def evaluated(self, model: ForwardModel, theta: Mapping[str, Floats], *, outline: bool = True) -> ModelAtPoints:
+        """Evaluate a model at points that may have further names, Lambda included; NaN outside its domain."""
+        names = ("capillary_number", "size_ratio", *(coordinate.name for coordinate in self.coordinates))
+        theta = {name: theta[name] for name in names if name in theta}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
         if self.inputs.viscous_tension:

@@ -48,10 +48,9 @@ class Nodes:
         density: PosteriorDensity | None,
     ) -> Nodes:
         """Evaluate a model at centres of pieces: all that a posterior density reads, by default the lengths."""
-        ca = np.exp(log_ca)
-        if density is not None:
-            return cls(log_ca, size, side, density.evaluated(forward, ca, size), cell)
-        return cls(log_ca, size, side, ModelAtPoints.of(forward({"capillary_number": ca, "size_ratio": size})), cell)
+        theta = {"capillary_number": np.exp(log_ca), "size_ratio": size}
+        points = ModelAtPoints.of(forward(theta)) if density is None else density.evaluated(forward, theta)
+        return cls(log_ca, size, side, points, cell)
 
     def taken(self, index: NDArray[np.intp] | Booleans) -> Nodes:
         """Return some of the nodes."""
@@ -403,7 +402,6 @@ class GridPosterior(ExactPosterior):
 
     @cached_property
     def cut(self) -> bool:
-        """True if a prior range of G_s or a cuts off part of the posterior, or a prior is no range."""
         if self.density.prior.is_general:
             return True
         share = np.broadcast_to(self.share, self.free.shape)[self.free > _NEGLIGIBLE * self.free.max()]
@@ -426,13 +424,11 @@ class GridPosterior(ExactPosterior):
         nodes = {"capillary_number": np.exp(place[0]), "size_ratio": place[1]}
         if self.half_width is not None:
             nodes["half_width"] = self.half_width[width] * np.where(inside, change, 1.0)
-        ca, size = nodes["capillary_number"], nodes["size_ratio"]
-        points = self.density.evaluated(self.forward, ca, size, outline=False)
+        points = self.density.evaluated(self.forward, nodes, outline=False)
         return self.density.completed(rng, nodes, points)
 
     @cached_property
     def kept(self) -> tuple[Floats, Nodes, Floats | None]:
-        """Nodes that carry the posterior: probabilities (m,), nodes and l (m,)."""
         width, node = np.nonzero(self.weights > _NEGLIGIBLE * self.weights.max())
         weights = self.weights[width, node]
         return (

@@ -533,9 +533,7 @@ def _sampled(grid: ExactPosterior, seed: int, effort: Effort | None) -> _Run:
     kept = chains.thinned()
     steps, ensembles, walkers, _ = kept.coordinates.shape
     nodes = {name: np.ravel(values) for name, values in kept.named().items()}
-    further = {coordinate.name: nodes[coordinate.name] for coordinate in grid.density.coordinates}
-    place = nodes["capillary_number"], nodes["size_ratio"]
-    points = grid.density.evaluated(grid.forward, *place, further, outline=False)
+    points = grid.density.evaluated(grid.forward, nodes, outline=False)
     rng = np.random.default_rng([seed, 1])
     flat = grid.density.completed(rng, nodes, points) | {"lp": np.ravel(kept.log_density)}
     draws = {name: values.reshape(steps, -1).T for name, values in flat.items()}

@@ -64,9 +64,7 @@ class Predictive:
 
     @cached_property
     def _points(self) -> ModelAtPoints:
-        draws = self._flat
-        further = {name: draws[name] for name in self.model.coordinates}
-        return self._density.evaluated(self.model, draws["capillary_number"], draws["size_ratio"], further)
+        return self._density.evaluated(self.model, self._flat)
 
     def _at(self, draws: Mapping[str, Floats]) -> ModelAtPoints:
         names = ("capillary_number", "size_ratio", *self.model.coordinates)

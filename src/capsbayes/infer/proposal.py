@@ -546,8 +546,7 @@ class Frame:
     def evaluated(self, model: ForwardModel, density: PosteriorDensity, points: Floats) -> tuple[Nodes, Floats]:
         """Evaluate a model at points (n, d), and the log of the posterior density there : (n,) array, see below."""
         theta = self.theta(points)
-        further = {coordinate.name: theta[coordinate.name] for coordinate in self.coordinates}
-        there = density.evaluated(model, theta["capillary_number"], theta["size_ratio"], further)
+        there = density.evaluated(model, theta)
         nodes = Nodes(points[:, 0], points[:, 1], np.ones(len(points)), there, np.empty(0, np.int64))
         return nodes, self.log_density(density, points, nodes, theta.get("half_width"))
 

@@ -160,16 +160,14 @@ class LogDensity:
         for name in self.sampled:
             impossible |= theta[name] <= 0.0
             theta[name] = np.where(impossible, getattr(self.density.inputs, name).value, theta[name])
-        further = {coordinate.name: theta[coordinate.name] for coordinate in self.density.coordinates}
-        place = theta["capillary_number"], theta["size_ratio"]
-        points = self.density.evaluated(self.model, *place, further)
+        points = self.density.evaluated(self.model, theta)
         outside = np.isnan(points.extent)
         log_density = self._of_points(points, coordinates[:, 0], theta)
         for coordinate in self.density.coordinates:
             log_density = log_density + coordinate.log_density(theta[coordinate.name])
         wrong = np.isnan(log_density)
         if wrong.any():
-            inside = self.model.domain.contains(*place, *further.values())
+            inside = self.model.domain.contains(*(theta[name] for name in self.names if name not in self.sampled))
             self.not_a_number += int(np.count_nonzero(wrong & inside))
         return np.where(wrong | outside | impossible, -np.inf, log_density)
 
