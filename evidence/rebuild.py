@@ -38,7 +38,6 @@ from capsbayes.physics.scattered import (
     nearest_numbers,
     scattered_dataset,
     scattered_states,
-    sobol_places,
 )
 from capsbayes.physics.simulator import Simulator, UnsteadySimulator
 from capsbayes.run import only_run
@@ -149,6 +148,11 @@ MEMBRANES = {
 """Recipes of the shipped databases over the membrane, by their names."""
 
 _NEAR = 0.2  # share of each range, at either end, from where places are moved to the border
+
+
+def sobol_places(count: int, dimensions: int) -> Floats:
+    """Return the first points of Sobol's sequence that is not scrambled : (count, dimensions) array from 0 to 1."""
+    return np.asarray(qmc.Sobol(dimensions, scramble=False).random_base2(int(np.ceil(np.log2(count))))[:count])
 
 
 def spread_points(states: int, border_states: int) -> Floats:

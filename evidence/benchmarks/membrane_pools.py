@@ -55,11 +55,11 @@ from capsbayes.physics.scattered import (
     in_modes,
     membrane_continuation,
     scattered_states,
-    sobol_places,
     state_of,
 )
 from capsbayes.run import Store
 from evidence.benchmarks.stored import POOL_FOLDER, arguments, complete
+from evidence.rebuild import sobol_places
 
 CAPSULES, MEMBERS = 200, 40
 BATCHES = {"batches": 40, "inflated": 6}

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
 from capsbayes import __version__
@@ -93,11 +92,6 @@ class Axis:
     def _ratio(self) -> float:
         assert self.offset is not None
         return float(np.log((self.high + self.offset) / (self.low + self.offset)))
-
-
-def sobol_places(count: int, dimensions: int) -> Floats:
-    """Return the first points of Sobol's sequence that is not scrambled : (count, dimensions) array from 0 to 1."""
-    return np.asarray(qmc.Sobol(dimensions, scramble=False).random_base2(int(np.ceil(np.log2(count))))[:count])
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,11 @@ from capsbayes.physics.scattered import (
     in_modes,
     scattered_dataset,
     scattered_states,
-    sobol_places,
 )
 from capsbayes.physics.simulator import Simulator
 from capsbayes.physics.stokes import WallDiscretisation
 from capsbayes.run import Store
+from evidence.rebuild import sobol_places
 
 HERE = {"scheduler": "synchronous", "progress": False}
 AXES = (
