@@ -118,7 +118,8 @@ def test_the_mean_has_less_noise_than_one_frame_and_the_same_misfit(tmp_path):
     ) ** 2
     mean = capsule.measurement.covariance[0, 0] * HALF_WIDTH**2 - of_walls - of_odd_part
     assert 0.9 * lasting < mean < lasting + 0.5 * alone
-    assert 0.2 < capsule.repeat_error[0] / np.sqrt(alone) < 1.5
+    scatter = np.std([frame.lengths[0] for frame in capsule.record.measured], ddof=1)
+    assert 0.2 < scatter / np.sqrt(alone) < 1.5
 
 
 def test_everything_in_a_film_is_a_capsule_or_has_a_reason(tmp_path):

@@ -174,7 +174,8 @@ class AlignedOutlines:
         angles = np.arctan2(local[0][:, 1], local[0][:, 0])
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         for _ in range(_ROUNDS):
-            radii = np.array([_radii(points, angles) for points in local])
+            polar = [(np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T)) for points in local]
+            radii = np.array([np.interp(angles, *curve, period=2.0 * np.pi) for curve in polar])
             away, poses = _distances(radii, directions)
             steps = np.linalg.lstsq(poses, away.T, rcond=None)[0].T
             local = [_moved(points, -step) for points, step in zip(local, steps, strict=True)]
@@ -262,11 +263,6 @@ def _thinned(values: Floats) -> Floats:
     return np.asarray(smooth)[1::AVERAGED][: len(values) // AVERAGED]
 
 
-def _radii(points: Floats, angles: Floats) -> Floats:
-    """Return the distances of a closed curve (p, 2) around the origin in some directions."""
-    return np.interp(angles, np.arctan2(points[:, 1], points[:, 0]), np.hypot(*points.T), period=2.0 * np.pi)
-
-
 def _distances(radii: Floats, directions: Floats) -> tuple[Floats, Floats]:
     """Return the normal distances from the median (n, m), and how shifts and a turn change them (m, 3)."""
     median = np.median(radii, axis=0)
@@ -325,7 +321,6 @@ class FilmCapsule:
     record: FrameRecord = field(repr=False)
     velocity: Velocity | None
     drifts: dict[str, Drift]  # of ``"L_z"``, ``"L_a"`` and ``"v_o"`` along the channel
-    repeat_error: Floats  # (4,) [px]: scatter of L_z, L_a, L_p and l from frame to frame
     measurement: Measurement
     alike: Booleans  # (n,): which of the frames in which it was measured agree with the others
 
@@ -346,13 +341,13 @@ class FilmCapsule:
             status = reasons[0][0] if reasons and reasons[0][1] > len(frames) else Status.FEW_FRAMES
             file = Path(experiment.source) if experiment.source else None
             refused = Measurement.refused(status, source=str(film), sha256=sha256, experiment_file=file)
-            return cls(status, record, None, {}, np.full(4, np.nan), refused, np.ones(len(frames), dtype=bool))
+            return cls(status, record, None, {}, refused, np.ones(len(frames), dtype=bool))
         speed, drifts = _motion(frames)
         outlines = AlignedOutlines.of(frames)
         alike = outlines.alike
         status = Status.REPEATED if repeated(*_places(frames)) else _steady(record, alike, drifts)
         used = [measured for measured, kept in zip(frames, alike, strict=True) if kept] if status.ok else frames
-        lengths, covariance, repeat = _mean(used, drifts)
+        lengths, covariance = _mean(used, drifts)
         size = pixel_size or _pixel_size(lengths[3], covariance[3, 3], experiment)
         capsule_velocity = _in_si(speed, size, frame_rate)
         if status.ok and smeared(experiment.exposure, capsule_velocity.value, size.value):
@@ -373,7 +368,7 @@ class FilmCapsule:
             sha256=sha256,
             gamma=None if record.picture is None else record.picture.gamma,
         )
-        return cls(status, record, speed, drifts, repeat, measured, alike)
+        return cls(status, record, speed, drifts, measured, alike)
 
     def table(self) -> pd.DataFrame:
         """Tabulate the frames in which the capsule was measured."""
@@ -416,8 +411,8 @@ def _places(frames: list[FrameMeasurement]) -> tuple[Floats, Floats, Floats]:
     return numbers, along, variance
 
 
-def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Floats, Floats, Floats]:
-    """Return mean lengths, covariance of their errors, and scatter from frame to frame [px, px^2, px]."""
+def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Floats, Floats]:
+    """Return mean lengths [px] and the covariance of their errors [px^2]."""
     # The error is that of the scatter, or of the noise if this is larger, and the part that all frames share: misfit of
     # the edge's model, walls, and changes along the channel that are significant but negligible. If the rear is seen in
     # half of the frames, all lengths are taken from these.
@@ -435,7 +430,7 @@ def _mean(frames: list[FrameMeasurement], drifts: dict[str, Drift]) -> tuple[Flo
     covariance = random * np.outer(raised, raised) / len(used) + systematic
     for index, name in enumerate(_LENGTHS):
         covariance[index, index] += np.nan_to_num(_unmodelled_error(drifts, name) * mean[index]) ** 2
-    return mean, covariance, scatter
+    return mean, covariance
 
 
 def _unmodelled_error(drifts: dict[str, Drift], name: str) -> float:
