@@ -33,7 +33,7 @@ import numpy as np
 
 from capsbayes import __version__
 from capsbayes.errors import DatabaseError, InputError, NoRoomError
-from capsbayes.files.output_file import make_folder, refusing, unguarded, write_file
+from capsbayes.files.output_file import make_folder, refusing, set_within, unguarded, write_file
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.quantity import Quantity
 
@@ -521,17 +521,16 @@ _current: ContextVar[Store | None] = ContextVar("_current", default=None)
 def steps_kept(store: Store, part: str) -> Iterator[None]:
     """Keep the results of `remembered` functions while a part is computed; remove them once it is finished."""
     folder = store.folder / f"{part}.steps"
-    token = _current.set(Store(folder, store.fingerprint))
     finished = False
     try:
-        yield
+        with set_within(_current, Store(folder, store.fingerprint)):
+            yield
         finished = True
     except Exception as error:
         raise_interruption(error)
         finished = not isinstance(error, NoRoomError)
         raise
     finally:
-        _current.reset(token)
         if finished:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -604,11 +603,8 @@ def _step(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *share
 
 
 def _with_store(store: Store | None, task: Callable[..., T], *shared: Any) -> T:
-    token = _current.set(store)
-    try:
+    with set_within(_current, store):
         return task(*shared)
-    finally:
-        _current.reset(token)
 
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:

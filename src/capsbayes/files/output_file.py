@@ -48,7 +48,7 @@ def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwr
     """
     outer = _guard.get() or Guard()
     own = frozenset(_identity(path) for path in updated if path.exists())
-    with _set(_guard, Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated)):
+    with set_within(_guard, Guard(overwrite or outer.overwrite, outer.inputs, own | outer.updated)):
         for path in inputs:
             note_input(path)
         yield
@@ -56,11 +56,12 @@ def guarded(inputs: Iterable[Path] = (), *, updated: Iterable[Path] = (), overwr
 
 def unguarded() -> contextlib.AbstractContextManager[None]:
     """Write the bookkeeping of unfinished work in this block: damaged files of it are replaced, none is recorded."""
-    return _set(_guard, None)
+    return set_within(_guard, None)
 
 
 @contextlib.contextmanager
-def _set(variable: ContextVar[Any], value: object) -> Iterator[None]:
+def set_within(variable: ContextVar[Any], value: object) -> Iterator[None]:
+    """Give a variable of the context a value in this block."""
     token = variable.set(value)
     try:
         yield
@@ -142,7 +143,7 @@ def together() -> Iterator[None]:
         yield
         return
     files: dict[Path, Callable[[Path], object]] = {}
-    with _set(_waiting, files):
+    with set_within(_waiting, files):
         yield
     _commit(files)
 
