@@ -651,20 +651,16 @@ def _taking_part(population: Population, least_stretch: float | None, model: For
     """Return which capsules take part : (n,) array."""
     kept = (population["likelihood"][:, :, 0].sum(axis=1) > 0.0) & np.isin(population["status"], _TAKING_PART)
     if least_stretch is not None:
-        _check_cut(least_stretch, model)
+        if not (np.isfinite(least_stretch) and least_stretch > 0.0):
+            advice = "the published cut is 1.04"
+            raise InputError("hierarchy", "least_stretch", "a Lambda above zero", f"{least_stretch:g}", advice)
+        if model is None:
+            raise InputError("hierarchy", "model", "the model of the population, with least_stretch", "nothing")
         kept &= kept_rows(population, least_stretch)
     if np.count_nonzero(kept) < FEWEST:
         expected = f"at least {FEWEST} capsules with a result"
         raise InputError("hierarchy", "population", expected, str(np.count_nonzero(kept)))
     return np.asarray(kept)
-
-
-def _check_cut(least_stretch: float, model: ForwardModel | None) -> None:
-    if not (np.isfinite(least_stretch) and least_stretch > 0.0):
-        advice = "the published cut is 1.04"
-        raise InputError("hierarchy", "least_stretch", "a Lambda above zero", f"{least_stretch:g}", advice)
-    if model is None:
-        raise InputError("hierarchy", "model", "the model of the population, with least_stretch", "nothing")
 
 
 def _limit(population: Population, model: ForwardModel | None) -> tuple[Floats, Floats]:

@@ -290,11 +290,9 @@ def _ends(j, branch, column, share, stack):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def moved_along(place, low, high, low_there, high_there):  # type: ignore[no-untyped-def]
-    """Return the Ca between two borders there that corresponds to a place, 0 to 1, between two borders here.
-
-    It is the same Ca except next to the borders, which it follows. It increases with the place; where the borders
-    there are too close together for that, the range is divided in the same ratio.
-    """
+    """Return the Ca between two borders there that corresponds to a place, 0 to 1, between two borders here."""
+    # It is the same Ca except next to the borders, which it follows. It increases with the place; where the borders
+    # there are too close together for that, the range is divided in the same ratio.
     width, first, last = high - low, low_there - low, high_there - high
     squeezed = max(first, 0.0) + max(-last, 0.0)
     if _STEEP_BELOW * squeezed <= _SQUEEZED * width:
@@ -320,10 +318,8 @@ def _there(j, branch, column, position, stack):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _within_base(ca, distance, interval, branch, column, share, weighing, base, own):  # type: ignore[no-untyped-def]
-    """Fill in the position (4,) of the query's own Ca between the borders of the base, or of the nearest border.
-
-    Where a fold moves with the effect, the Ca of parachutes is taken relative to that of the fold.
-    """
+    """Fill in the position (4,) of the query's own Ca between the borders of the base, or of the nearest border."""
+    # Where a fold moves with the effect, the Ca of parachutes is taken relative to that of the fold.
     there = ca
     low, high = _ends(0, branch, column, share, base)
     if branch == 0 and weighing.folds[interval, column]:
@@ -347,11 +343,9 @@ def _read(j, branch, there, size, stack, value, no_slopes, error, difference, ju
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _apart(j, there, there_of_null, branch, column, share, stack, null):  # type: ignore[no-untyped-def]
-    """Return the share, 0 to 1, of the error of slice j that has nothing to do with that of the null slice.
-
-    It grows with the distance between the two places, of which cases lie about a step of the scaling apart, and with
-    the difference of what is left up to the upper border, next to which errors depend on it.
-    """
+    """Return the share, 0 to 1, of the error of slice j that has nothing to do with that of the null slice."""
+    # It grows with the distance between the two places, of which cases lie about a step of the scaling apart, and with
+    # the difference of what is left up to the upper border, next to which errors depend on it.
     root, root_of_null = np.sqrt(there), np.sqrt(there_of_null)
     left = np.sqrt(_ends(j, branch, column, share, stack)[1]) - root
     left_of_null = np.sqrt(_ends(null, branch, column, share, stack)[1]) - root_of_null
@@ -404,16 +398,14 @@ def corresponding(ca, size, effect, stack, base, weighing, branches, places, wei
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(ca, size, effect, stack, base, weighing, values, covariance, inside):  # type: ignore[no-untyped-def]
-    """Fill in the points of the domain: values (n, q), covariance (n, 3, 3), inside (n,).
-
-    The covariance is the sum of independent errors: those of the base; those of the slices with the squares of their
-    weights; that of the interpolation between the slices; and the change of the mesh error with the effect, as large as
-    that error itself at a distance from the null value of the whole range, or where it is taken a step of the scaling
-    from the query's own Ca, or between two Ca so far apart. What a slice shares with the null slice, which is
-    subtracted, cancels: its error is that of their difference, the more so the nearer to each other they are read. In
-    the gap between the branches of a slice, each is added the uncertainty of the branch; for the null slice it is that
-    of the base, since the mesh correction is one of a given branch.
-    """
+    """Fill in the points of the domain: values (n, q), covariance (n, 3, 3), inside (n,)."""
+    # The covariance is the sum of independent errors: those of the base; those of the slices with the squares of their
+    # weights; that of the interpolation between the slices; and the change of the mesh error with the effect, as large
+    # as that error itself at a distance from the null value of the whole range, or where it is taken a step of the
+    # scaling from the query's own Ca, or between two Ca so far apart. What a slice shares with the null slice, which is
+    # subtracted, cancels: its error is that of their difference, the more so the nearer to each other they are read. In
+    # the gap between the branches of a slice, each is added the uncertainty of the branch; for the null slice it is
+    # that of the base, since the mesh correction is one of a given branch.
     count, null, q = len(weighing.knots), weighing.null, values.shape[1]
     width = weighing.knots[-1] - weighing.knots[0]
     position, own, apart, no_slopes = np.empty(4), np.empty(4), np.ones(count), np.empty((0, 2))
@@ -597,7 +589,7 @@ class EffectSurrogate(DatabaseModel):
         limit = np.stack([each.limit for each in borders])
         limit = limit[1:] & limit[:-1] & base_borders.limit  # at both ends of an interval, and of the base
         folds = limit[:, 1:] & limit[:, :-1]
-        weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, borders, scale))
+        weighing = Weighing(knots, null, columns, moving, folds, *_cardinal(values, knots, borders, scale))
         self.coordinate = database.effect
         ends = CoordinateRange(float(values[0]), float(values[-1]), database.null_value)
         self.name = f"{base.name} with {self.coordinate}"
@@ -735,10 +727,10 @@ def _common_columns(surrogates: list[PlaneSurrogate]) -> Floats:
     return every[(every >= first - 1e-9) & (every <= last + 1e-9)]
 
 
-def _cardinal(values: Floats, borders: list[Borders], scale: Scale) -> tuple[Integers, Floats, Floats, Floats]:
+def _cardinal(
+    values: Floats, knots: Floats, borders: list[Borders], scale: Scale
+) -> tuple[Integers, Floats, Floats, Floats]:
     """Return the row of weights of each branch between two columns, and the weights of each set of known slices."""
-    with np.errstate(divide="ignore"):  # a scale may be a limit at an end
-        knots = scale.place(values)
     known = np.stack([each.known for each in borders], axis=-1)  # (branch, column, slice)
     enough = known.sum(axis=-1) >= FEWEST_KNOTS
     sets, which = np.unique(known[enough], axis=0, return_inverse=True)
