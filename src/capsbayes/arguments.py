@@ -24,10 +24,8 @@ _NUMBERS: dict[Any, Any] = {int: numbers.Integral, float: numbers.Real, bool: (b
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a function refuse arguments of other types than annotated, and take a model by its name.
-
-    What an annotation alone cannot tell, as of arrays, is left to the function.
-    """
+    """Let a function refuse arguments of other types than annotated, and take a model by its name."""
+    # What an annotation alone cannot tell, as of arrays, is left to the function.
     signature = inspect.signature(function)
 
     @functools.wraps(function)

@@ -108,11 +108,9 @@ class Linearised:
         return step, np.where(np.isfinite(decrease), decrease, np.inf)
 
     def bend(self, before: Self, bend: Floats) -> Floats:
-        """Return the bend of the residuals (n, p, p) as a step from where they were shows it, given that there.
-
-        The update is that of Dennis, Gay and Welsch; where it would leave a normal matrix that is not positive, there
-        is none.
-        """
+        """Return the bend of the residuals (n, p, p) as a step from where they were shows it, given that there."""
+        # The update is that of Dennis, Gay and Welsch; where it would leave a normal matrix that is not positive, there
+        # is none.
         step = self.points - before.points
         change = np.einsum("nmi,nm->ni", self.slopes - before.slopes, self.residuals)
         slope = self.pull - before.pull
@@ -140,11 +138,9 @@ def minimise(
     longest: Floats | float,
     steps: int = 30,
 ) -> Problems:
-    """Minimise the sums of squares of k problems from `here` on, which is changed in place, and return it.
-
-    `evaluate` maps points (k, p) and the rows (k,) of the problems that they belong to, to a `Linearised` of these; a
-    coordinate changes by `longest` in a step, at most. A start at which a problem is not defined stays.
-    """
+    """Minimise the sums of squares of k problems from `here` on, which is changed in place, and return it."""
+    # `evaluate` maps points (k, p) and the rows (k,) of the problems that they belong to, to a `Linearised` of these; a
+    # coordinate changes by `longest` in a step, at most. A start at which a problem is not defined stays.
     square, left = here.square, here.left
     damping, rejected = np.full(len(rows), _FIRST_DAMPING), np.zeros(len(rows), dtype=np.int64)
     bend = np.zeros_like(here.normal)

@@ -367,7 +367,6 @@ class Derived(ForwardModel):
         return theta
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Predict a batch."""
         return self.model(self._asked(theta), outline=outline)
 
     def outline_modes(self, **theta: float) -> Floats | None:

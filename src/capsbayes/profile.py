@@ -227,10 +227,8 @@ def with_extent(outline: Floats, axial_extent: float) -> Floats:
 
 
 def _crossing_of_each_edge(points: Floats) -> Floats:
-    """Return z where each edge meets the axis y = 0, NaN if it does not : (p,) array.
-
-    A vertex on the axis belongs to the side y > 0, so that it is met once.
-    """
+    """Return z where each edge meets the axis y = 0, NaN if it does not : (p,) array."""
+    # A vertex on the axis belongs to the side y > 0, so that it is met once.
     z, y = points.T
     z_next, y_next = np.roll(z, -1), np.roll(y, -1)
     crosses = (y >= 0.0) != (y_next >= 0.0)

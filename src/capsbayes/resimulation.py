@@ -357,7 +357,6 @@ class ResimulatedModel(Derived):
         self.sha256 = digest_of(model.sha256, shapes.theta, *shapes[1:])
 
     def __call__(self, theta: Theta, *, outline: bool = False) -> Prediction:
-        """Predict a batch."""
         seen = self.model(theta, outline=outline)
         places = self._frame.places(theta)
         share = self._share(places)

@@ -38,10 +38,7 @@ def packed(folder: str, most: int) -> None:
 
 
 def unpacked(folder: str, name: str) -> tuple[int, int]:
-    """Unpack such a file beside itself, and move what is in it to new folders of the bench.
-
-    Return how many, and how many were left out because their pictures, films and events are all in the bench already.
-    """
+    """Unpack such a file into new folders of the bench; return how many, and how many were there already."""
     bench, place = Path(folder), Path(name).with_suffix("")
     with parsing(Path(name).name, _EXPECTED), zipfile.ZipFile(name) as archive:
         files = [(info, PureWindowsPath(info.filename)) for info in archive.infolist() if not info.is_dir()]

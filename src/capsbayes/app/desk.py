@@ -56,15 +56,12 @@ class Computed:
 
 
 class Bench:
-    """The folder of all capsules, the processes that compute, and the files that pages may show.
-
-    `computed` holds the last result of each folder, which waits there for a page that shows it.
-    """
+    """The folder of all capsules, the processes that compute, and the files that pages may show."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         self.measuring, self.identifying = Worker("capsbayes.app.measuring"), Worker("capsbayes.app.identifying")
-        self.computed: dict[Path | None, Computed] = {}
+        self.computed: dict[Path | None, Computed] = {}  # the last of each folder, for a page that shows it
         self._offered: dict[str, Path] = {}
 
     def identified(self) -> dict[Path, tuple[Any, ...]]:
@@ -101,15 +98,12 @@ class Bench:
 
 @dataclass
 class Desk:
-    """What one tab of the browser works on: the folder of its capsule, once there is one, and what is stated.
-
-    `experiment` is what is stated of channel and liquid, as texts by their keys; of the camera under ``"camera"``.
-    """
+    """What one tab of the browser works on: the folder of its capsule, once there is one, and what is stated."""
 
     bench: Bench
     stated: Stated = field(default_factory=Stated)
     folder: Path | None = None
-    experiment: dict[str, Any] = field(default_factory=dict)
+    experiment: dict[str, Any] = field(default_factory=dict)  # texts by their keys, of the camera under ``"camera"``
 
     async def measured(self, task: str, **how: Any) -> Any:
         """Compute a task that takes less than a second, see `Worker.run`."""

@@ -26,11 +26,8 @@ _WIDEST = 1600  # px of the picture on the page
 
 
 def shown(folder: str, name: str, rotate: str = "") -> dict[str, Any]:
-    """Return a picture, turned clockwise by some degrees, or the middle one of a film or of events, for the page.
-
-    Its size, a PNG of its grey levels as the address of an image, how many there are, and what the file states; of a
-    TIFF file the size of a pixel in micrometres, else 0.
-    """
+    """Return a picture, turned clockwise by some degrees, or the middle one of a film or of events, for the page."""
+    # The size of a pixel is that which a TIFF file states, in micrometres, else 0.
     with contextlib.chdir(folder):
         seen, count, stated = _opened(Path(name))
         pixel = 1e6 * (pixel_size_of(Path(name)) or 0.0)

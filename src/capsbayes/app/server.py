@@ -134,10 +134,7 @@ def _capped(receive: Any) -> Any:
 
 
 def make_private(folder: Path) -> None:
-    """Make a folder, or the one that is there, one that no other user of this machine can enter.
-
-    It is refused if that cannot be done, or others need it, as they do ``/tmp``.
-    """
+    """Make a folder private, or refuse it where that cannot be done, or where others need it, as they do ``/tmp``."""
     folder.mkdir(parents=True, exist_ok=True)
     if os.name != "posix":  # folders of a user are private there
         return
@@ -161,11 +158,9 @@ def _file_that_leads_to(address: str, folder: Path) -> Iterator[Path]:
 
 
 def serve(folder: Path, port: int, opened: Callable[[str], object] | None = webbrowser.open) -> None:
-    """Serve the bench on this machine until it is interrupted; port 0 is any that is free.
-
-    The folder, where capsules are kept, is made private. Once pages are served, `opened` is called in a thread of its
-    own with the address of a file that leads to the page, and is removed once it did.
-    """
+    """Serve the bench on this machine until it is interrupted; port 0 is any that is free."""
+    # The folder, where capsules are kept, is made private. Once pages are served, `opened` is called in a thread of its
+    # own with the address of a file that leads to the page, and is removed once it did.
     with socket.socket() as listening, contextlib.ExitStack() as until_used:
         if os.name == "posix":  # elsewhere it lets another program take the port
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -134,10 +134,7 @@ def enter(folder: Path) -> str:
 
 
 def measure_command(name: str, *, film: bool, velocity: str, flow_rate: str, pixel_size: str, flow: str) -> list[str]:
-    """Return the command that measures one of several files in its folder, with the options that its kind takes.
-
-    Of events, the velocity is one that they share.
-    """
+    """Return the command that measures one of several files in its folder, with the options that its kind takes."""
     events = Path(name).suffix.lower() in EVENTS
     speeds = {"shared_velocity" if events else "velocity": velocity, "flow_rate": flow_rate}
     options = {"experiment": EXPERIMENT, "pixel_size": pixel_size if events else ""}

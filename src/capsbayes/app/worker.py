@@ -57,11 +57,9 @@ class Worker:
         self._ready = False
 
     async def run(self, task: str, /, *, seconds: float = 60.0, **arguments: Any) -> Any:
-        """Compute a task of the module by its name.
-
-        `WorkFailedError` has the one line of a refusal; it is raised too if the task takes longer than `seconds`, once
-        the process is ready, or ends it.
-        """
+        """Compute a task of the module by its name."""
+        # `WorkFailedError` has the one line of a refusal; it is raised too if the task takes longer than `seconds`,
+        # once the process is ready, or ends it.
         async with self._lock:
             answer = await asyncio.to_thread(self._answer, (task, arguments), seconds)
         if isinstance(answer, Exception):

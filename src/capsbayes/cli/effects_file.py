@@ -37,10 +37,7 @@ class OwnEffects:
 
 
 def own_effects(path: Path | None, known: Mapping[str, Effect], model: ForwardModel) -> OwnEffects:
-    """Run a file and return its effects; none has a name of those known, each keeps its promises with the model.
-
-    An effect is an object at the top of the file, or a class written in it that is made without arguments.
-    """
+    """Run a file and return its effects, objects or classes made without arguments; check their names and promises."""
     if path is None:
         return OwnEffects()
     from capsbayes.files.input_file import read_bytes

@@ -147,11 +147,9 @@ def _coarse(strips: Floats, places: Floats) -> Floats | None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _dark_lines(ridge, shifts):  # type: ignore[no-untyped-def]
-    """Return how dark the line is that begins at each row and is shifted from strip to strip : (s, rows) array.
-
-    The ridge is an array (strips, rows), the shifts (s, strips). A line that leaves the picture is none. A capsule
-    darkens some strips only: a wall is dark in three of four.
-    """
+    """Return how dark the line is that begins at each row and is shifted from strip to strip : (s, rows) array."""
+    # The ridge is an array (strips, rows), the shifts (s, strips). A line that leaves the picture is none. A capsule
+    # darkens some strips only: a wall is dark in three of four.
     strips, rows = ridge.shape
     rank = strips // 4
     dark, value = np.empty((len(shifts), rows)), np.empty(rows)

@@ -81,10 +81,7 @@ def given_flow(log_ratio: Floats, variance: Floats | float, flow: FlowRate) -> t
 
 
 def p_value(weights: Floats, scores: Floats) -> float:
-    """Return the two-sided p-value of a number whose distribution is a mixture of normal ones.
-
-    `scores` (n,) are the distances from their means in their standard deviations, `weights` (n,) of any sum.
-    """
+    """Return the two-sided p-value by `scores` (n,), distances from means in sds, with `weights` (n,) of any sum."""
     far = scores**2 > np.fmin.reduce(scores**2) + _FAR
     tail = np.where(far, 0.0, weights * erfc(np.abs(scores) / np.sqrt(2.0)))
     below = np.sum(np.where(scores < 0.0, tail, 2.0 * weights - tail))
@@ -95,10 +92,7 @@ def p_value(weights: Floats, scores: Floats) -> float:
 def p_values_of_lengths(
     weights: Floats, z: Floats, a: Floats, zz: Floats, za: Floats, aa: Floats
 ) -> tuple[float, float]:
-    """Return the p-values of L_z, predicted from the prior, and of L_a, predicted from L_z and the prior.
-
-    `weights` (n,) are prior probabilities of shapes, of any sum.
-    """
+    """Return the p-values of L_z, and of L_a given L_z, by the prior `weights` (n,) of shapes, of any sum."""
     scores = z / np.sqrt(zz)
     above = scores**2 - np.fmin.reduce(scores**2)
     likely = above < _FAR
@@ -122,11 +116,9 @@ def feature_in_cells(masses: Floats) -> float:
 
 
 def resolution(weights: Floats) -> tuple[tuple[float, float], tuple[float, float, float]]:
-    """Return how well the cells of planes resolve probabilities (k, i, j).
-
-    Of the sum over all else along i, and along j, the `sd_in_cells` and the `feature_in_cells`; and the latter along j
-    of the plane with the largest sum.
-    """
+    """Return how well the cells of planes resolve probabilities (k, i, j)."""
+    # Of the sum over all else along i, and along j, the `sd_in_cells` and the `feature_in_cells`; and the latter along
+    # j of the plane with the largest sum.
     rows, columns = weights.sum(axis=(0, 2)), weights.sum(axis=(0, 1))
     heaviest = weights[np.argmax(weights.sum(axis=(1, 2)))]
     of_columns = sd_in_cells(columns), feature_in_cells(columns[None]), feature_in_cells(heaviest)
@@ -134,10 +126,7 @@ def resolution(weights: Floats) -> tuple[tuple[float, float], tuple[float, float
 
 
 def border_steps(covariance: Floats) -> Floats:
-    """Return the steps that take what leans on a border beyond it : (2 d, d) array.
-
-    Half a standard deviation either way along each principal axis of a covariance (d, d) of one or two quantities.
-    """
+    """Return steps (2 d, d) beyond a border: half an sd along each principal axis of a covariance (d, d)."""
     if len(covariance) == 1:
         return NUDGE * np.sqrt(covariance) * [[1.0], [-1.0]]
     xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]

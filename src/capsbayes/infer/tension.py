@@ -50,10 +50,8 @@ class MembraneTension:
 
 
 def membrane_tension(posterior: Posterior) -> MembraneTension | None:
-    """Compute what the membrane of a capsule bears; None for a model whose law has no stored tensions.
-
-    The tension over G_s is the diffuse approximation of those of the membrane's states, with its own error.
-    """
+    """Compute what the membrane of a capsule bears; None for a model whose law has no stored tensions."""
+    # The tension over G_s is the diffuse approximation of those of the membrane's states, with its own error.
     stated = _parameters(posterior.model_name)
     if stated is None:
         return None

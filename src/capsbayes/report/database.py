@@ -311,10 +311,7 @@ def velocity_surface_figure(surrogate: Surrogate) -> Figure:
 
 
 def table_of_cases(database: Database) -> tuple[Floats, Floats]:
-    """Choose Ca (k,) and a/l (m,) of the table, those of steady states nearest to even steps of sqrt(Ca) and of a/l.
-
-    A Ca that is rare compared with others near the same step is not chosen.
-    """
+    """Choose Ca (k,) and a/l (m,) of the table: common ones nearest to even steps of sqrt(Ca) and of a/l."""
     cases = database.converged
     ca, counts = np.unique(cases["capillary_number"], return_counts=True)
     sizes = np.unique(np.round(cases["size_ratio"], 6))

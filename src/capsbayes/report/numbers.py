@@ -15,11 +15,9 @@ if TYPE_CHECKING:
 
 
 def decimals(error: float) -> int:
-    """Return the decimals to print, negative for tens: two digits of the error up to 35, one above; 3 without one.
-
-    This is the rule of the Particle Data Group. `uncertainties` follows it too, but neither for the ends of an interval
-    together with its median nor for tens and hundreds without an exponent.
-    """
+    """Return the decimals to print, negative for tens: two digits of the error up to 35, one above; 3 without one."""
+    # This is the rule of the Particle Data Group. `uncertainties` follows it too, but neither for the ends of an
+    # interval together with its median nor for tens and hundreds without an exponent.
     if not (math.isfinite(error) and error > 0.0):
         return 3
     power = math.floor(math.log10(error))
@@ -37,11 +35,9 @@ def rounded(value: float, digits: int) -> str:
 
 
 def together(values: Sequence[float], digits: int) -> list[str]:
-    """Return a median and the ends of its interval with so many decimals, or each with two digits of its own.
-
-    The latter where less than two digits of one of several positive numbers would be left: the lower end of a long tail
-    is not rounded to zero.
-    """
+    """Return a median and the ends of its interval with so many decimals, or each with two digits of its own."""
+    # The latter where less than two digits of one of several positive numbers would be left: the lower end of a long
+    # tail is not rounded to zero.
     if min(values) > 0.0 and min(values) < 10.0 ** (1 - digits):
         return [rounded(value, 1 - math.floor(math.log10(value))) for value in values]
     return [rounded(value, digits) for value in values]

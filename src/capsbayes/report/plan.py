@@ -309,11 +309,9 @@ def membrane_flow_figure(design: MembraneFlowDesign) -> Figure:
 
 
 def identifiability_figure(widths: xr.Dataset, quantity: str = "surface_shear_modulus") -> Figure:
-    """Draw the relative width of G_s or a over (Ca, a/l).
-
-    Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
-    the dotted line two steady shapes are stable.
-    """
+    """Draw the relative width of G_s or a over (Ca, a/l)."""
+    # Hatched is where the posterior leans on the border of the model, so that its width is cut and not measured; below
+    # the dotted line two steady shapes are stable.
     figure, ax = style.new_plot(7.4, 5.6)
     width = 100.0 * widths[f"width_of_{quantity}"].to_numpy()
     leaning, two_shapes = widths["leaning"].to_numpy(), widths["two_shapes"].to_numpy()

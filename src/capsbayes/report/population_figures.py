@@ -121,11 +121,7 @@ def _with_errors(population: Population, parameter: Parameter, rows: Booleans) -
 def population_page(
     population: Population, *, spread: ModulusSpread | None = None, rows: int = MOST_ROWS, source: str = ""
 ) -> str:
-    """Return a population as a whole page in HTML, its pictures within it.
-
-    Drawn over the histogram is the spread of G_s with the errors removed, by default that of the population; at most
-    `rows` capsules are in the table, and all of them in the file `source`.
-    """
+    """Return a population as a page in HTML, with at most `rows` capsules in the table, all in the file `source`."""
     stored = population.attributes.get("hierarchy")
     drawn = spread or ModulusSpread.of_population(population)
     figures = (modulus_histogram, bar_words, modulus_against_radius, point_words)

@@ -60,11 +60,9 @@ _WIDTH = 5.0  # inch: small enough for its letters to be read on a phone
 
 
 def corner_plot(posterior: Posterior, names: Sequence[str] = SHOWN) -> Figure:
-    """Draw every pair of quantities with 68 % and 95 % contours, and each alone with median and 68 % interval.
-
-    The published procedure's answer is marked if it is known; quantities that the posterior lacks are omitted. The
-    label of each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
-    """
+    """Draw every pair of quantities with 68 % and 95 % contours, and each alone with median and 68 % interval."""
+    # The published procedure's answer is marked if it is known; quantities that the posterior lacks are omitted. The
+    # label of each axes is the name of its quantity, or of the two of its pair, that on the y axis first.
     import corner  # it imports arviz, a second
 
     shown = [PARAMETERS[name] for name in names if name in posterior.draws]
@@ -161,11 +159,9 @@ def outline_figure(posterior: Posterior, *, width: float = _WIDTH) -> Figure:
 
 
 def outline_plot(posterior: Posterior, ax: Axes) -> Axes:
-    """Draw the mean predicted outline between the walls with its 95 % band along the normal, all over l.
-
-    The points of a measured outline are shifted and turned onto it. The measured lengths are arrows that start at the
-    predicted nose; their ends are shaded over two standard errors either side.
-    """
+    """Draw the mean predicted outline between the walls with its 95 % band along the normal, all over l."""
+    # The points of a measured outline are shifted and turned onto it. The measured lengths are arrows that start at the
+    # predicted nose; their ends are shaded over two standard errors either side.
     if posterior.outlines is None:
         raise InputError("outline_plot", "posterior", "a posterior with outlines", f"none from {posterior.model_name}")
     middle, inner, outer = band(posterior.outlines)
@@ -255,10 +251,7 @@ def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
 
 
 def on_picture(outline: Floats, detection: Detection) -> Floats:
-    """Lay an outline (z, y) on the capsule that was detected in a picture, nose on nose : (p, 2) array [l] to [px].
-
-    The detection has walls, outline and nose; the flow is towards rising z.
-    """
+    """Lay an outline (z, y) on a capsule found in a picture, nose on nose, z along the flow : (p, 2) [l] to [px]."""
     walls, nose = detection.located()[0], detection.nose
     assert nose is not None, "of a capsule that was measured"
     downstream = (detection.flow or 1) * walls.along

@@ -85,11 +85,9 @@ def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str
 
 
 def terminal_table(frame: pd.DataFrame, width: int = 80) -> Group:
-    """Return the table for a terminal with title and note; brackets are shown as they are.
-
-    Where it is wider than a line, the columns stand closer, their headings are broken into lines, and columns that
-    still do not fit stand below the others, with the first column again. Cells are broken only if they are sentences.
-    """
+    """Return the table for a terminal with title and note; brackets are shown as they are."""
+    # Where it is wider than a line, the columns stand closer, their headings are broken into lines, and columns that
+    # still do not fit stand below the others, with the first column again. Cells are broken only if they are sentences.
     from rich.console import Group
     from rich.text import Text
 
@@ -146,10 +144,8 @@ def _drawn(frame: pd.DataFrame, heads: Sequence[str], columns: Sequence[int], ga
 
 
 def print_parts(*parts: str | pd.DataFrame, status: Status | str | None = None, good: bool = True) -> None:
-    """Print sentences and tables on the terminal, then a status in the colour of its meaning; skip empty sentences.
-
-    Sentences are broken into lines as wide as the terminal, but not between a number and its unit.
-    """
+    """Print sentences and tables on the terminal, then a status in the colour of its meaning; skip empty sentences."""
+    # Sentences are broken into lines as wide as the terminal, but not between a number and its unit.
     from rich.console import Console
     from rich.text import Text
 
@@ -171,10 +167,7 @@ def _in_lines(text: str, width: int) -> str:
 
 
 def html_table(frame: pd.DataFrame, *, sortable: bool = False) -> Markup:
-    """Return the table for a page, in a box of its own that scrolls; text is escaped.
-
-    The headings of a sortable one are buttons, on which the script of the page sorts the rows.
-    """
+    """Return the table for a page, in a box that scrolls; headings of a `sortable` one are buttons; text is escaped."""
     numbers, bars = frame.attrs["numbers"], frame.attrs["bars"]
     most = max(map(abs, bars), default=1.0)
     lines = []
