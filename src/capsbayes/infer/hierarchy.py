@@ -34,7 +34,7 @@ from capsbayes.infer.selection import (
     log_prior_of_freedom,
 )
 from capsbayes.model import ForwardModel
-from capsbayes.quantity import Given, Quantity
+from capsbayes.quantity import Given, Quantity, uncertain
 from capsbayes.readable import Readable
 from capsbayes.status import Status
 
@@ -549,7 +549,17 @@ def hierarchy(
     """
     if tails not in TAILS:
         raise InputError("hierarchy", "tails", " or ".join(TAILS), repr(tails))
-    stated = None if median_modulus is None else _stated(median_modulus)
+    stated = None
+    if median_modulus is not None:
+        stated = uncertain(
+            median_modulus,
+            _MODULUS,
+            where="hierarchy",
+            key="median_modulus",
+            units=("N/m",),
+            example="50 +/- 4 mN/m",
+            normal=False,
+        )
     viscosity, half_width = _shared(population, experiment)
     kept = _taking_part(population, least_stretch, model)
     selection = None
@@ -610,14 +620,6 @@ def hierarchy(
         population["name"][kept],
         update,
     )
-
-
-def _stated(median: Given) -> Quantity:
-    """Return the median G_s that is stated of a batch, with its error."""
-    stated = Quantity.of(median, _MODULUS, where="hierarchy", key="median_modulus")
-    if stated.known:
-        raise InputError("hierarchy", "median_modulus", 'a value with its error, as "50 +/- 4 mN/m"', str(stated))
-    return stated
 
 
 def _update(stated: Quantity, medians: Floats) -> Update:
