@@ -133,6 +133,7 @@ MEANINGS = {
     "surface_shear_modulus_over_laws": "least and greatest G_s that other membrane laws would give",
     "tail_p_values": "posterior predictive p-values of the tails",
     "tails": "tails of the population, normal or student",
+    "update": "stated median of G_s, that of the capsules alone, and how far apart they are; null without one",
     "variance_of_log_surface_shear_modulus": "share of each source in the variance of ln G_s",
     "velocities": "for each velocity, the risk that capsules have no steady shape",
     "velocity_ratio": "v_o/U",

@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -54,6 +55,7 @@ CAPSULE = ROOT / "examples" / "ovalbumin" / "capsule.toml"
 BATCH = ROOT / "examples" / "shared_membrane"
 MEMBRANE = ("membrane", BATCH / "outlines.nc", "--experiment", BATCH / "experiment.toml")
 ALONE = (*MEMBRANE, "--no-laws")
+FLOW = ("sensitivity", "flow", "--shear-modulus", "50 +/- 10 mN/m", "--radius", "24 um", "--like", CAPSULE)
 FILM = ROOT / "examples" / "pictures" / "film.avi"
 SESSION = ROOT / "examples" / "drifting_modulus" / "capsules"
 SCRIPT = Path(sys.executable).with_name("capsbayes")
@@ -145,6 +147,26 @@ def writing(*words: str | Path, runs: int = RUNS) -> Callable[[], Row]:
     def run() -> Row:
         with tempfile.TemporaryDirectory() as folder:
             return command(SCRIPT, *words, "--out", Path(folder) / "out", runs=runs)
+
+    return run
+
+
+def answered(membrane: str) -> Callable[[], Row]:
+    """Return what times the answer of the bench to its example, in a process that has answered before."""
+
+    def run() -> Row:
+        from capsbayes.app.identifying import identified
+        from capsbayes.app.stated import EXAMPLE, EXAMPLE_PICTURE, EXPERIMENT, Stated
+
+        stated = Stated(picture=EXAMPLE_PICTURE.name, velocity=EXAMPLE["velocity"], membrane=membrane)
+
+        def work() -> None:
+            with tempfile.TemporaryDirectory() as folder:
+                shutil.copy(EXAMPLE_PICTURE, folder)
+                Experiment("square", EXAMPLE["half_width"], EXAMPLE["viscosity"]).write(Path(folder) / EXPERIMENT)
+                identified(folder, stated)
+
+        return clocked(work)
 
     return run
 
@@ -449,6 +471,9 @@ class Timed(NamedTuple):
 ROWS = {
     "import": Timed("`import capsbayes`", 0.3, lambda: command(sys.executable, "-c", "import capsbayes")),
     "identify": Timed("`capsbayes identify`, the whole command", 4.0, writing("identify", CAPSULE)),
+    "bench": Timed("the answer of the bench to its example", 4.0, answered("")),
+    "bench, unknown": Timed("the same, the membrane unknown", 20.0, answered("unknown")),
+    "flow": Timed("`capsbayes sensitivity flow`, with its figure", 30.0, writing(*FLOW)),
     "quadrature": Timed("one capsule on a grid", 1e-3, on_grid),
     "emcee": Timed("one capsule by emcee with its gates", 0.8, sampled),
     "film": Timed("one capsule by its silhouette in a film", 2.0, seen_in_film("square-neo-hookean")),
