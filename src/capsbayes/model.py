@@ -471,7 +471,10 @@ def name_parts(model: str) -> tuple[str, str, tuple[str, ...]]:
 
 
 class FixedParameters(Derived):
-    """A forward model with known values, by name, of further coordinates or sizes of effects; others are refused."""
+    """A forward model with known values, by name, of further coordinates, or known sizes of effects.
+
+    A name that is neither a coordinate nor the parameter of an effect of the model raises an `InputError`.
+    """
 
     def __init__(self, model: ForwardModel, values: Mapping[str, float]) -> None:
         known = (*model.coordinates, *model.effects)

@@ -80,7 +80,10 @@ class Profile:
 
     @classmethod
     def from_half(cls, half: ArrayLike) -> Profile:
-        """Mirror one half (h, 2) of a symmetric outline, from the nose to the rear point of the axis through y > 0."""
+        """Mirror one half of a symmetric outline, as a simulation of a symmetry wedge gives it, to 2 h - 2 vertices.
+
+        Vertices (h, 2), columns (z, y), go from the nose to the rear point of the axis through y > 0; both have y = 0.
+        """
         upper = _checked(half, minimum=3).copy()
         extent = np.ptp(upper[:, 0])
         ends = upper[[0, -1], 1]
@@ -119,7 +122,10 @@ class Profile:
         return self.perimeter / (2.0 * np.pi * radius)
 
     def resampled(self, count: int) -> Profile:
-        """Return the outline by 4 points or more at equal arc length from the nose; an even count keeps the rear."""
+        """Return the outline with `count` points, at least 4, at equal arc length, the first at the nose.
+
+        When `count` is even, a symmetric outline keeps its rear point.
+        """
         return Profile(equally_spaced(self.points, count))
 
     def scaled(self, factor: float) -> Profile:
@@ -136,7 +142,10 @@ class Profile:
         return Profile(np.concatenate([swapped[:1], swapped[:0:-1]]))
 
     def hausdorff(self, other: Profile) -> float:
-        """Return the Hausdorff distance to another outline of the same unit: vertices to any point, neither moved."""
+        """Return the Hausdorff distance to another outline of the same unit, neither moved.
+
+        It is the largest distance from a vertex of either outline to the nearest point, vertex or not, of the other.
+        """
         return max(_furthest(self.points, other.points), _furthest(other.points, self.points))
 
 

@@ -101,7 +101,7 @@ def compared(capsules: dict[str, tuple[str, tuple[Any, ...] | None]]) -> tuple[s
     return drawn, html_table(texts.comparison_table(posteriors))
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=4)  # a picture may take 64 MB
 def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     """Measure and identify what `Stated.asked` returned of a folder."""
     stated: Stated = asked[0]

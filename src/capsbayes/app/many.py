@@ -152,7 +152,7 @@ class ManyStep:
         with self._list, fields.waiting(f"{name} is loaded"), private as place:
             await event.file.save(kept := Path(place) / name)
             new, known = await bench.measuring.run("unpacked", seconds=LONGEST, folder=folder, name=str(kept))
-            left = f", {known} left out, whose pictures are here already" * bool(known)
+            left = f", {known} left out, whose pictures are here already" if known else ""
             words = f"{name}: {counted(new, 'folder')} loaded{left}. Step 7 lists the capsules."
             ui.notify(words, type="positive", timeout=10_000)
         self._grown()
@@ -285,9 +285,11 @@ class PopulationStep:
         self._flow.enabled = self._last is not None and not working
         self._diagnose.enabled = count >= _ENOUGH and not working
         self._diagnose.text = "What does the model miss?" + f" from {_ENOUGH} capsules on" * (count < _ENOUGH)
+        listed = sorted(found | {path.parent for path in bench.glob(f"*/{STATED}")})[:_MOST_LISTED]
+        self._ticked.intersection_update(listed)
         self._list.clear()
         with self._list:
-            for folder in sorted(found | {path.parent for path in bench.glob(f"*/{STATED}")})[:_MOST_LISTED]:
+            for folder in listed:
                 self._listed(folder, folder.relative_to(bench).as_posix(), counts=folder in found)
         self._compare.enabled = len(self._ticked) > 1
 

@@ -97,8 +97,10 @@ def _drawn(detection: Detection, columns: int) -> dict[str, Any]:
 
 def _rows(detection: Detection) -> list[tuple[str, str, str]]:
     """Return what was measured: name, in px, and over l."""
+    if not detection.status.ok:
+        return []
     rows: list[tuple[str, str, str]] = []
-    for name, _, value, error, ratio, ratio_error in detection.table().itertuples() if detection.status.ok else ():
+    for name, _, value, error, ratio, ratio_error in detection.table().itertuples():
         if name in ("L_z", "L_a", "l"):
             seen = f"{value:.2f} ± {error:.2f}" if np.isfinite(value) else "not seen"
             over = f"{ratio:.4f} ± {ratio_error:.4f}" if name != "l" and np.isfinite(value) else ""

@@ -42,7 +42,7 @@ export default {
       const px = (c + d - a - b) / (2 * Math.hypot(1, slope));
       const scale = this.width && px > 0 ? ` = ${+this.width.toPrecision(4)} µm: a pixel is ${(this.width / px).toPrecision(3)} µm` : "";
       const stated = this.pixel ? `, ${+(px * this.pixel).toPrecision(4)} µm by the size of a pixel in the file` : "";
-      const apart = scale && stated && Math.abs(Math.log(px * this.pixel / this.width)) > 0.03;
+      const apart = scale && stated && Math.abs(Math.log(px * this.pixel / this.width)) > 0.03; // beyond the errors of a scale
       return `Walls ${px.toFixed(1)} px apart${scale}${stated}.${apart ? " Check the half width: one of the two is wrong." : ""}`;
     },
     boxes() {

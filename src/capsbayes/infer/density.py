@@ -75,7 +75,7 @@ class PosteriorDensity:
     def evaluated(self, model: ForwardModel, theta: Mapping[str, Floats], *, outline: bool = True) -> ModelAtPoints:
         """Evaluate a model at points that may have further names, Lambda included; NaN outside its domain."""
         names = ("capillary_number", "size_ratio", *(coordinate.name for coordinate in self.coordinates))
-        theta = {name: theta[name] for name in names if name in theta}
+        theta = {name: theta[name] for name in names}
         prediction = model(theta)
         points = ModelAtPoints.of(prediction, error_scale=self.error_scale)
         if self.inputs.viscous_tension:

@@ -585,7 +585,7 @@ def hierarchy(
     if stated is not None:
         parameters = np.repeat(parameters, _COPIES, axis=0)
     shifts = _shifts(population, kept, viscosity, half_width, shared_velocity_error, rng, len(parameters))
-    without = {name: np.exp(values) for name, values in zip(shifts, parameters.T, strict=False)}
+    without = {_MODULUS: np.exp(parameters[:, 0]), "capsule_radius": np.exp(parameters[:, 1])}
     medians = {name: without[name] * shift for name, shift in shifts.items()}
     shares = {name: 1.0 - float(np.var(np.log(without[name])) / np.var(np.log(medians[name]))) for name in medians}
     update = None

@@ -641,7 +641,11 @@ class Posterior:
         return write_dataset(path, xr.Dataset(attrs=stated | attributes), groups=self.groups())
 
     def model_of(self, model: ForwardModel | None = None, *, where: str = "posterior") -> ForwardModel:
-        """Return the model that made this posterior: the one given, or the shipped one of its name; refuse others."""
+        """Return the model that made this posterior: the one given, or the database of its name.
+
+        An `InputError` says that no database of this name and fingerprint comes with the library, or that the model
+        given is not the one that made this posterior.
+        """
         if self.resimulation is not None:
             expected, advice = "one of a model alone", "give the one before it was corrected"
             raise InputError(where, "posterior", expected, "one that the simulator corrected", advice)

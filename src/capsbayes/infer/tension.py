@@ -97,9 +97,8 @@ class LargestTension:
         self._places = states["tension_place"][known, column]
         self._cross_section, self._frame = states.cross_section, StateCoordinates.of(states["values"])
         slopes = self._frame.slopes(values, along / tensions[..., None])
-        points, lost = self._frame.points(values), self._frame.points(states["lost"])
-        self._points = points
-        self._fits = local_fits(points, np.log(tensions), slopes, lost, np.zeros_like(tensions))
+        self._points, lost = self._frame.points(values), self._frame.points(states["lost"])
+        self._fits = local_fits(self._points, np.log(tensions), slopes, lost, np.zeros_like(tensions))
 
     @classmethod
     @cache

@@ -485,7 +485,10 @@ def _check(method: str, name: str, value: float, above: float, below: float) -> 
 
 @dataclass(frozen=True)
 class UnsteadySimulator:
-    """The shape of a capsule at l / (U unsteadiness) after it was put at rest into the flow; the steady one at 0."""
+    """The shape of a capsule some time after it was put at rest into the flow.
+
+    `unsteadiness` is the inverse of that time, l / (U t) [-], 0 for the steady shape; a negative one is refused.
+    """
 
     simulator: Simulator = field(default_factory=Simulator)
     unsteadiness: float = 0.0

@@ -137,11 +137,11 @@ def caveats(stored: Mapping[str, Any]) -> list[str]:
     if leaning > _MANY_LEANING:
         words = "of the capsules lean on the border of the model: the population may extend beyond it."
         sentences.append(f"{per_cent(leaning)} {words}")
-    apart = (stored.get("update") or {"apart": 0.0})["apart"]
-    if apart > FAR:
+    update = stored.get("update")
+    if update and update["apart"] > FAR:
         sentences.append(
-            f"The capsules and the median G_s stated of their batch are {apart:.1f} standard deviations apart: one of "
-            "the two is probably wrong, and the intervals mix both."
+            f"The capsules and the median G_s stated of their batch are {update['apart']:.1f} standard deviations "
+            "apart: one of the two is probably wrong, and the intervals mix both."
         )
     return sentences + [_tail_words(name, stored) for name in stored.get("odd_tails", ())]
 

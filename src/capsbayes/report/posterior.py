@@ -384,9 +384,8 @@ def _stated(posterior: Posterior) -> Iterator[tuple[str, str]]:
     yield "can be used", "yes" if posterior.status.ok else f"no: {posterior.status}"
     yield "membrane", membrane_words(posterior.model_name)
     yield "cross-section of the channel", posterior.experiment.cross_section
-    for symbol, _, words in prior_table(posterior)[:2].itertuples(
-        index=False
-    ):  # of G_s and a, the others are a model's
+    of_both = prior_table(posterior)[:2]  # G_s and a; the others are a model's
+    for symbol, _, words in of_both.itertuples(index=False):
         yield f"prior of {symbol}", words
     for label, words, _ in input_table(posterior).itertuples(index=False):
         if label not in map(input_words, ("axial_extent", "axial_length")):

@@ -567,7 +567,7 @@ class EffectSurrogate(DatabaseModel):
     """Forward model (Ca, a/l, effect) -> (L_z, L_a, v_o/U, Lambda, outline), of a few values of one parameter.
 
     A slice is the surrogate of one value, and the base that of a finer mesh at the null value, or the null slice
-    itself.
+    itself. The domain holds parachutes and convex shapes between the values that have them.
     """
 
     domain: EffectDomain
