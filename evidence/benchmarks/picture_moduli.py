@@ -64,6 +64,17 @@ def spotted(picture: Grey, empty: Grey, view: View, random: np.random.Generator)
     return np.asarray(cv2.circle(picture.copy(), middle, 3, 60, -1, cv2.LINE_AA), dtype=np.uint8), empty
 
 
+def bumped(picture: Grey, empty: Grey, view: View, random: np.random.Generator) -> tuple[Grey, Grey]:
+    """Push the middle of the rear outwards by 3 px, smoothly over 19 px."""
+    rows, columns = np.indices(picture.shape)
+    away = np.stack([columns, rows], axis=-1) - view.capsules[0].centre
+    towards = np.clip(-2.0 * (away @ view.along) / view.axial_extent, 0.0, 1.0)  # 0 in the middle, 1 from the rear on
+    way = 3.0 * towards**2 * np.exp(-0.5 * np.square(away @ view.across / 8.0))
+    x, y = ((place + way * step).astype(np.float32) for place, step in zip((columns, rows), view.along, strict=True))
+    light = (picture / _light(empty)).astype(np.float32)
+    return _before(cv2.remap(light, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), empty)
+
+
 def read_by_rows(picture: Grey, empty: Grey, view: View, random: np.random.Generator) -> tuple[Grey, Grey]:
     """Read the rows one after the other, so that what moves is displaced by 4 px over l."""
     columns, rows = np.arange(picture.shape[1]), np.arange(len(picture))
@@ -109,6 +120,7 @@ SQUARED = "levels squared"
 STATED = {f"{SQUARED}, and stated": ByHand(gamma=0.5)}
 FAULTS: dict[str, Fault] = {
     "a spot of 7 px on the edge": spotted,
+    "a smooth bump of 3 px on the rear": bumped,
     "rows read one after the other, 4 px over l": read_by_rows,
     "the capsule askew by 2 degrees": askew,
     **dict.fromkeys((SQUARED, *STATED), of_light(lambda light, away: light**2)),

@@ -159,7 +159,7 @@ def test_a_droplet_with_a_sharp_edge_is_measured(scenes):
 
 def test_a_faint_capsule_is_measured_or_said_to_be_faint(scenes):
     """A tenth of the usual darkness in little noise; a droplet of 4 % of the light in noise of 1 %."""
-    names = ("interior", "membrane", "rear", "halo")
+    names, droplets = ("interior", "membrane", "rear", "halo"), 0
     for number, (view, *_) in enumerate(scenes):
         tenth = {name: 0.1 * getattr(view.looks, name) for name in names}
         droplet = dict.fromkeys(names, 0.0) | {"interior": 0.04}
@@ -171,7 +171,9 @@ def test_a_faint_capsule_is_measured_or_said_to_be_faint(scenes):
             if dark is droplet and not found.status.ok:
                 assert found.status is Status.NO_EDGE
             else:
+                droplets += dark is droplet
                 assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
+    assert droplets >= 6
 
 
 @pytest.mark.parametrize(

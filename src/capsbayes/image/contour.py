@@ -173,8 +173,8 @@ def measure_contour(
     covariance[:2, :2] += (aspect.sd / aspect.mean) ** 2 * np.outer(lengths[:2], lengths[:2])
     edge = _without_rear(edge, error, hollow=bool(np.isfinite(depth)))
     drift, common = (float(np.sqrt(share)) * error for share in (1.0 - _COMMON, _COMMON))
-    errors = EdgeErrors(max(scatter, _LEAST_NOISE * half_width), drift, 0.0, common)
-    seen = over_l(edge, errors, half_width, relative * half_width, _DRIFT * half_width)
+    errors = EdgeErrors(max(scatter, _LEAST_NOISE * half_width), drift, 0.0, common, alike=_DRIFT * half_width)
+    seen = over_l(edge, errors, half_width, relative * half_width)
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
     named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value

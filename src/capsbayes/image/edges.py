@@ -41,7 +41,7 @@ from capsbayes.quantity import Quantity
 # means over arcs of the curve, and the shift of each normal against the mean of its arc is fitted to their difference
 
 _SPACING = 1.25  # px between normals
-ARC = 18.0  # px: length of the arcs that share one shape of the edge
+ARCS = 18.0, 36.0, 72.0  # px: lengths of the arcs that share one shape of the edge; the longer ones are for faint edges
 _REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
@@ -74,6 +74,7 @@ class EdgeOutline:
     edge_width: Floats = field(repr=False)  # (n,) [px]: standard deviation of the blur at each point
     located: Booleans = field(repr=False)  # (n,): false where the edge of an arc was not found
     erased: Booleans = field(repr=False)  # (n,): true where the points are a bridge over what a person erased
+    alike: float = ARCS[0]  # [px]: length of the arcs
 
 
 def pixel_noise(light: Floats) -> float:
@@ -83,7 +84,9 @@ def pixel_noise(light: Floats) -> float:
     return max(robust_spread(second) / np.sqrt(1.5), 1e-6)
 
 
-def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None) -> EdgeOutline | None:
+def locate_edge(
+    light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None, length: float = ARCS[0]
+) -> EdgeOutline | None:
     """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none."""
     # light over that of the empty channel; polygon (p, 2) clockwise as seen in the picture; no edge is sought where
     # erased (p,)
@@ -91,12 +94,12 @@ def locate_edge(light: Floats, polygon: Floats, noise: float, erased: Booleans |
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
     spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
-    moved = _moved(spline, polygon - first, erased, np.array([_START_WIDTH]), 0.0)
+    moved = _moved(spline, polygon - first, erased, np.array([_START_WIDTH]), 0.0, length)
     for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
         if moved is None:
             return None
         outline, _, bend = moved
-        moved = _moved(spline, outline.points, outline.erased, outline.edge_width, None if estimated else bend)
+        moved = _moved(spline, outline.points, outline.erased, outline.edge_width, None if estimated else bend, length)
     if moved is None:
         return None
     outline, arc_misfit, _ = moved
@@ -150,7 +153,7 @@ def scatter_left(points: Floats, normals: Floats, kept: Booleans | None = None) 
 
 
 def _moved(
-    spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None
+    spline: Floats, curve: Floats, erased: Booleans, widths: Floats, bend: float | None, length: float
 ) -> tuple[EdgeOutline, Floats, float] | None:
     """Locate the edge in the mean of each arc and the shift of each normal : outline, misfit of the arcs, bend."""
     # the windows along the normals follow the widths of the last round, at equal distances along the curve
@@ -161,7 +164,7 @@ def _moved(
     base, normals, curvature = _smoothed(curve, median(widths))
     erased = erased[KDTree(curve).query(base)[1]] if erased.any() else np.zeros(len(base), dtype=bool)
     kept = ~erased
-    arcs = max(8, round(_SPACING * len(base) / ARC))
+    arcs = max(8, round(_SPACING * len(base) / length))
     width = np.interp((np.arange(arcs) + 0.5) / arcs, (np.arange(len(widths)) + 0.5) / len(widths), widths)
     window = np.clip(2.0 * width + 1.5, 3.0, _REACH)
     reach = float(np.floor(window.max()))
@@ -201,6 +204,7 @@ def _moved(
         edge_width=blur,
         located=located[arc] & kept,
         erased=erased,
+        alike=length,
     )
     misfit = misfit_around(means - edge.fitted, used, edge.place_variance, _FITTED, _NEIGHBOURS)
     return outline, misfit[arc], bend

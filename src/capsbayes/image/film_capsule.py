@@ -17,7 +17,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import Blob
 from capsbayes.image.detect import Detection
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.edges import ARC, AVERAGED, centroid, centroid_variance, scatter_left
+from capsbayes.image.edges import ARCS, AVERAGED, centroid, centroid_variance, scatter_left
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import EdgeErrors, measurement_of_lengths, over_l
 from capsbayes.image.motion import Drift, Velocity, drift, repeated, smeared, times_of, velocity
@@ -193,7 +193,7 @@ class AlignedOutlines:
     @property
     def alike(self) -> Booleans:
         """Whether the outline of each frame agrees with the others to within what they scatter : (n,) array."""
-        arcs = max(_FEWEST_ARCS, round(arc_length(self._median)[-1] / ARC))
+        arcs = max(_FEWEST_ARCS, round(arc_length(self._median)[-1] / ARCS[0]))
         starts = np.arange(arcs) * self.radii.shape[1] // arcs
         away = np.abs(np.add.reduceat(self._distances, starts, axis=1) / np.diff(starts, append=self.radii.shape[1]))
         spread = np.maximum(robust_spread(away), np.median(away, axis=0) / 0.6745)
@@ -229,21 +229,22 @@ class AlignedOutlines:
         variance, neighbours = (
             float(np.mean(means * np.roll(means, shift, axis=1))) * count / freedom for shift in (0, 1)
         )
-        stated, misfit, lasting, rear = np.mean(
-            [(each.arc**2, each.misfit, each.offset, each.rear) for each in self.errors], axis=0
+        stated, misfit, lasting, rear, alike = np.mean(
+            [(each.arc**2, each.misfit, each.offset, each.rear, each.alike) for each in self.errors], axis=0
         )
-        arc = max(neighbours * np.exp(around / means.shape[1] / ARC), stated)
+        arc = max(neighbours * np.exp(around / means.shape[1] / alike), stated)
         scatter = max(
             (variance - max(neighbours, 0.0)) / count, scatter_left(_thinned(mean), _thinned(vertex_normals(mean))) ** 2
         )
         # each arc has an error of its own, and so has their mean: what is more is a change of the light
-        flicker = max(float(np.sum(offset**2)) / freedom - arc * 2.0 * ARC / around, 0.0)
+        flicker = max(float(np.sum(offset**2)) / freedom - arc * 2.0 * alike / around, 0.0)
         return EdgeErrors(
             scatter=float(np.sqrt(scatter)),
             arc=float(np.sqrt(arc / count)),
             misfit=float(np.sqrt(misfit**2 + _BIAS**2 * stated + change**2)),
             offset=float(np.sqrt(lasting**2 + flicker / count)),
             rear=float(rear),
+            alike=float(alike),
         )
 
     @property

@@ -34,7 +34,7 @@ from capsbayes.image.background import (
 )
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
-from capsbayes.image.edges import ARC, pixel_noise, scatter_expected, thinned, without_erased
+from capsbayes.image.edges import ARCS, pixel_noise, scatter_expected, thinned, without_erased
 from capsbayes.image.files import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.overlay import write_overlay
@@ -73,6 +73,7 @@ class EdgeErrors:
     misfit: float  # alike along an arc, and the same in all pictures of a capsule: that of the edge's model
     offset: float  # alike all around, and the same in all pictures of a capsule
     rear: float = 0.0  # of the rear, along the flow, and the same in all pictures of a capsule
+    alike: float = ARCS[0]  # length of an arc
 
     @classmethod
     def of(cls, detection: Detection) -> EdgeErrors:
@@ -87,7 +88,7 @@ class EdgeErrors:
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
         band = float(np.hypot(band, _OF_REAR * detection.middle))
-        return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band)
+        return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band, outline.alike)
 
 
 def silhouette_of(detection: Detection) -> MeasuredOutline | None:
@@ -103,9 +104,7 @@ def silhouette_of(detection: Detection) -> MeasuredOutline | None:
     return over_l(points, EdgeErrors.of(detection), walls.half_width, walls.half_width_error)
 
 
-def over_l(
-    points: Floats, errors: EdgeErrors, half_width: float, half_width_error: float, alike: float = ARC
-) -> MeasuredOutline | None:
+def over_l(points: Floats, errors: EdgeErrors, half_width: float, half_width_error: float) -> MeasuredOutline | None:
     """Return the silhouette over l with points (m, 2) along and across the flow [px]; None if they are too few."""
     if len(points) < FEWEST_POINTS:
         return None
@@ -114,7 +113,7 @@ def over_l(
     radius = float(np.mean(np.hypot(*(points - points.mean(axis=0)).T)))
     noise = OutlineNoise(
         float(np.hypot(errors.scatter, smooth)) / half_width,
-        alike / half_width,
+        errors.alike / half_width,
         float(errors.scatter**2 / (errors.scatter**2 + smooth**2)),
     )
     # an error of l changes all radii in proportion, much as an offset does
