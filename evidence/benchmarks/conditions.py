@@ -84,6 +84,11 @@ def line(view: View, camera: Camera, random: np.random.Generator) -> tuple[View,
     return looks(line=half, interior=inside, rear=view.looks.membrane, rear_width=half)(view, camera, random)
 
 
+def clear(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+    """Fill the capsule with a liquid that is almost as bright as that around it."""
+    return looks(interior=random.uniform(0.0, 0.04))(view, camera, random)
+
+
 def droplet(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
     """Darken the inside alone, by 4 % of the light, in noise of 1 %."""
     faintest = replace(view.looks, interior=0.04, membrane=0.0, rear=0.0, halo=0.0)
@@ -114,6 +119,7 @@ CONDITIONS: dict[str, Change] = {
     "a third of the contrast": faint(0.33),
     "a fifth of the contrast": faint(0.2),
     "a droplet, 4 % darker": droplet,
+    "as bright inside as outside": clear,
     "halo 15 %": looks(halo=0.15),
     "rings of light": ringed,
     "the membrane as a line": line,
