@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from capsbayes import Database, Experiment
+from capsbayes import Database, Experiment, Surrogate, identify
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.walls import find_walls
 from capsbayes.status import Status
 from evidence.benchmarks import camera as renderer
 from evidence.benchmarks.camera import Camera, photograph
 from evidence.benchmarks.conditions import HALF_WIDTH, scenery, taken
-from evidence.benchmarks.picture_moduli import salted
+from evidence.benchmarks.picture_moduli import bumped, salted
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25.0 +/- 0.001 um", viscosity=0.85)
 CAPSULES = range(400, 408)
@@ -141,6 +141,19 @@ def test_of_a_membrane_seen_as_a_line_the_middle_is_the_edge():
                 assert abs(away) < max(0.5, 0.35 * shot.view.looks.line)
                 assert stated.covariance[0, 0] < found.covariance[0, 0]
     assert measured >= 6
+
+
+def test_a_smooth_bump_of_the_rear_that_is_measured_has_the_silhouette_of_no_capsule(scenes):
+    """It makes L_z too long by many of its errors."""
+    model, measured = Surrogate.open("square-neo-hookean", view="silhouette"), 0
+    for view, picture, empty in scenes[:4]:
+        spoiled, _ = bumped(picture, empty, view, np.random.default_rng(1))
+        found = measure(spoiled, EXPERIMENT, capsule_velocity="6 +/- 0.1 mm/s", background=empty)
+        if found.status.ok:
+            measured += 1
+            posterior = identify(found, model, EXPERIMENT, engine="quadrature", seed=1, error_budget=False)
+            assert posterior.status is Status.OUTLINE_MISFIT
+    assert measured >= 2
 
 
 def test_black_and_white_pixels_do_no_harm(scenes):
