@@ -190,9 +190,7 @@ def test_a_faint_capsule_is_measured_or_said_to_be_faint(scenes):
     assert droplets >= 6
 
 
-@pytest.mark.parametrize(
-    "fringe", [{"halo": 0.3, "interior": 0.05}, {"membrane": -0.3}, {"membrane": -0.3, "halo": -0.15}]
-)
+@pytest.mark.parametrize("fringe", [{"membrane": -0.3}, {"membrane": -0.3, "halo": -0.15}])
 def test_on_the_other_side_of_focus_the_edge_is_not_located(scenes, fringe):
     """A bright fringe lies on either side of the edge, and does not tell on which."""
     for number, (view, *_) in enumerate(scenes):
@@ -200,6 +198,25 @@ def test_on_the_other_side_of_focus_the_edge_is_not_located(scenes, fringe):
         pictures = photograph(replace(view, looks=replace(view.looks, **looks)), Camera(), seed=number)
         picture, empty = map(Picture.from_array, pictures)
         assert detect(picture, background=empty).status is Status.NO_EDGE
+
+
+def test_where_a_bright_fringe_lies_outside_a_darker_inside_the_edge_is_right_or_not_located(scenes):
+    faint = dict.fromkeys(("membrane", "rear"), 0.0) | {"halo": 0.3, "interior": 0.05}
+    for number, (view, *_) in enumerate(scenes):
+        pictures = photograph(replace(view, looks=replace(view.looks, **faint)), Camera(), seed=number)
+        picture, empty = map(Picture.from_array, pictures)
+        found = detect(picture, background=empty)
+        if found.status is not Status.NO_EDGE:
+            assert abs(found.lengths[0] - view.axial_extent) < 2.0 * np.sqrt(found.covariance[0, 0])
+
+
+@pytest.mark.parametrize("blur", [0.05, 0.2, 0.35])
+def test_a_picture_sharper_than_its_pixels_is_measured(scenes, blur):
+    for number, (view, *_) in enumerate(scenes):
+        picture, empty = photograph(view, Camera(blur=blur), seed=number)
+        found = detect(Picture.from_array(picture), background=Picture.from_array(empty))
+        assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
+        assert np.sqrt(found.covariance[0, 0]) < 0.3
 
 
 @pytest.mark.parametrize(("gamma", "held_without"), [(2.0, 6), (0.5, 2)])

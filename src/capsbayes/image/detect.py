@@ -14,7 +14,6 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.image.background import Blob, between_walls
 from capsbayes.image.edge_models import median, quantile, rounded
 from capsbayes.image.edges import (
-    ARCS,
     EDGE_FLOOR,
     EdgeOutline,
     FurthestPoint,
@@ -192,11 +191,8 @@ def analyse_blob(
         return Detection(Status.INTERLACED, walls, blob=blob)
     if not blob.status.ok:
         return Detection(blob.status, walls, blob=blob)
-    for length in ARCS:
-        outline = locate_edge(light, blob.polygon, noise, blob.erased, length)
-        if outline is not None and _ends_located(outline, walls):
-            break
-    else:
+    outline = locate_edge(light, blob.polygon, noise, blob.erased, lambda outline: _ends_located(outline, walls))
+    if outline is None:
         return Detection(Status.NO_EDGE, walls, blob=blob)
     outline = _smoothed_by_walls(outline, walls)
     if smear(outline, walls) > _SMEARED:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, gaussian_filter1d, map_coordinates, median_filter, spline_filter
+from scipy.ndimage import correlate1d, gaussian_filter, gaussian_filter1d, map_coordinates, median_filter, spline_filter
 from scipy.spatial import KDTree
 
 from capsbayes.arrays import Booleans, Floats
@@ -41,7 +42,11 @@ from capsbayes.quantity import Quantity
 # means over arcs of the curve, and the shift of each normal against the mean of its arc is fitted to their difference
 
 _SPACING = 1.25  # px between normals
-ARCS = 18.0, 36.0, 72.0  # px: lengths of the arcs that share one shape of the edge; the longer ones are for faint edges
+ARC = 18.0  # px: length of the arcs that share one shape of the edge
+# length of the arcs, and the deviation [px] of a Gaussian that smooths the picture: what is too sharp for its pixels is
+# smoothed; what is too faint too, then in longer arcs
+_ATTEMPTS = (ARC, 0.0), (ARC, 0.6), (2.0 * ARC, 0.6)
+_SHARP = 0.4  # px: edges less wide than that lie between two pixels
 _REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
 _START_WIDTH = 1.5  # px
@@ -74,7 +79,7 @@ class EdgeOutline:
     edge_width: Floats = field(repr=False)  # (n,) [px]: standard deviation of the blur at each point
     located: Booleans = field(repr=False)  # (n,): false where the edge of an arc was not found
     erased: Booleans = field(repr=False)  # (n,): true where the points are a bridge over what a person erased
-    alike: float = ARCS[0]  # [px]: length of the arcs
+    alike: float = ARC  # [px]: length of the arcs
 
 
 def pixel_noise(light: Floats) -> float:
@@ -85,7 +90,11 @@ def pixel_noise(light: Floats) -> float:
 
 
 def locate_edge(
-    light: Floats, polygon: Floats, noise: float, erased: Booleans | None = None, length: float = ARCS[0]
+    light: Floats,
+    polygon: Floats,
+    noise: float,
+    erased: Booleans | None = None,
+    accepted: Callable[[EdgeOutline], bool] = lambda outline: True,
 ) -> EdgeOutline | None:
     """Locate the edge of a capsule, starting from an outline of a pixel's accuracy; None where there is none."""
     # light over that of the empty channel; polygon (p, 2) clockwise as seen in the picture; no edge is sought where
@@ -93,8 +102,18 @@ def locate_edge(
     erased = np.zeros(len(polygon), dtype=bool) if erased is None else erased
     first = np.maximum(np.floor(polygon.min(axis=0)).astype(int) - 2 * _REACH, 0)
     last = np.ceil(polygon.max(axis=0)).astype(int) + 2 * _REACH
-    spline = spline_filter(light[first[1] : last[1], first[0] : last[0]], order=3, mode="mirror")
-    moved = _moved(spline, polygon - first, erased, np.array([_START_WIDTH]), 0.0, length)
+    part = light[first[1] : last[1], first[0] : last[0]]
+    for length, smoothing in _ATTEMPTS:
+        outline = _located(gaussian_filter(part, smoothing), polygon - first, noise, erased, length)
+        if outline is not None and (smoothing or median(outline.edge_width) > _SHARP) and accepted(outline):
+            return replace(outline, points=outline.points + first)
+    return None
+
+
+def _located(light: Floats, curve: Floats, noise: float, erased: Booleans, length: float) -> EdgeOutline | None:
+    """Locate the edge that lies next to a curve (p, 2), by arcs of a length [px]."""
+    spline = spline_filter(light, order=3, mode="mirror")
+    moved = _moved(spline, curve, erased, np.array([_START_WIDTH]), 0.0, length)
     for estimated in (True, False):  # where the curve lies on the edge to a fraction of a pixel, then kept
         if moved is None:
             return None
@@ -110,7 +129,6 @@ def locate_edge(
     of_bridges = bridge_errors(outline.points, outline.erased)
     return replace(
         outline,
-        points=outline.points + first,
         point_error=np.hypot(max(_LEAST * noise, seen) * outline.point_error, of_bridges),
         arc_error=np.hypot(np.where(outline.located, arc_error, _NOT_LOCATED), of_bridges),
     )

@@ -17,7 +17,7 @@ from capsbayes.experiment import Experiment
 from capsbayes.image.background import Blob
 from capsbayes.image.detect import Detection
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.edges import ARCS, AVERAGED, centroid, centroid_variance, scatter_left
+from capsbayes.image.edges import ARC, AVERAGED, centroid, centroid_variance, scatter_left
 from capsbayes.image.files import Picture
 from capsbayes.image.measure import EdgeErrors, measurement_of_lengths, over_l
 from capsbayes.image.motion import Drift, Velocity, drift, repeated, smeared, times_of, velocity
@@ -193,7 +193,7 @@ class AlignedOutlines:
     @property
     def alike(self) -> Booleans:
         """Whether the outline of each frame agrees with the others to within what they scatter : (n,) array."""
-        arcs = max(_FEWEST_ARCS, round(arc_length(self._median)[-1] / ARCS[0]))
+        arcs = max(_FEWEST_ARCS, round(arc_length(self._median)[-1] / ARC))
         starts = np.arange(arcs) * self.radii.shape[1] // arcs
         away = np.abs(np.add.reduceat(self._distances, starts, axis=1) / np.diff(starts, append=self.radii.shape[1]))
         spread = np.maximum(robust_spread(away), np.median(away, axis=0) / 0.6745)

@@ -34,7 +34,7 @@ from capsbayes.image.background import (
 )
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
-from capsbayes.image.edges import ARCS, pixel_noise, scatter_expected, thinned, without_erased
+from capsbayes.image.edges import ARC, pixel_noise, scatter_expected, thinned, without_erased
 from capsbayes.image.files import Picture
 from capsbayes.image.motion import smeared
 from capsbayes.image.overlay import write_overlay
@@ -73,7 +73,7 @@ class EdgeErrors:
     misfit: float  # alike along an arc, and the same in all pictures of a capsule: that of the edge's model
     offset: float  # alike all around, and the same in all pictures of a capsule
     rear: float = 0.0  # of the rear, along the flow, and the same in all pictures of a capsule
-    alike: float = ARCS[0]  # length of an arc
+    alike: float = ARC  # length of an arc
 
     @classmethod
     def of(cls, detection: Detection) -> EdgeErrors:
