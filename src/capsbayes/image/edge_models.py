@@ -34,9 +34,9 @@ def low_harmonics(points: Floats) -> tuple[Floats, Complex]:
 
 def smooth_curve(points: Floats) -> Floats:
     """Return the points (n, 2) of the smooth curve at the places of those of an outline."""
-    order, coefficients = low_harmonics(points)
-    smooth = waves(order, len(points)) @ coefficients
-    return np.stack([smooth.real, smooth.imag], axis=1)
+    coefficients = np.fft.rfft(points, axis=0)
+    coefficients[int(_KEPT * len(points)) + 1 :] = 0.0
+    return np.fft.irfft(coefficients, len(points), axis=0)
 
 
 def waves(order: Floats, count: int) -> Complex:
@@ -380,13 +380,13 @@ def median(values: Floats) -> float:
 
 def quantile(values: Floats, share: float) -> float:
     """Return the value below which a share of an array lies, linear between two; np.quantile takes longer."""
-    values = values.ravel()
-    if not len(values):
+    ordered = values.flatten()
+    if not len(ordered):
         return np.nan
-    place = share * (len(values) - 1)
+    place = share * (len(ordered) - 1)
     below = int(place)
-    above = min(below + 1, len(values) - 1)
-    ordered = np.partition(values, (below, above))
+    above = min(below + 1, len(ordered) - 1)
+    ordered.partition((below, above))
     return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
 
 
@@ -411,7 +411,9 @@ def fit_without_outliers(
         coefficients = np.asarray(np.linalg.lstsq(design[kept], values[kept], rcond=None)[0], dtype=np.float64)
         residuals = values - design @ coefficients
         spread = max(robust_spread(residuals[kept]), floor)
-        kept = kept & (np.abs(residuals) < _OUTLIER * spread)
+        before, kept = kept, kept & (np.abs(residuals) < _OUTLIER * spread)
+        if np.array_equal(kept, before):  # the next fit is the same
+            break
     if not enough(kept):
         return None
     used = design[kept]

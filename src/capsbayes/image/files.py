@@ -87,7 +87,7 @@ class Picture:
         grey = levels.astype(np.float64)
         if not is_integer and not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
-        if (below := float(np.mean(levels < 0))) > _BELOW_ZERO:
+        if (below := np.count_nonzero(levels < 0) / levels.size) > _BELOW_ZERO:
             got = f"{below:.0%} of them below zero, as after a subtraction"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
         few = np.unique(levels if len(np.unique(levels[::8, ::8])) <= _FEW else levels[:0])
@@ -144,6 +144,8 @@ def _dead(levels: Pixels) -> NDArray[np.intp]:
     """Return the dead rows of levels (rows, columns): those of one level throughout, another one than beside."""
     flat = levels.max(axis=1) == levels.min(axis=1)
     alone = np.flatnonzero(flat[2:-2] & ~(flat[:-4] | flat[1:-3] | flat[3:-1] | flat[4:])) + 2
+    if not len(alone):  # medians take time, of nothing too
+        return alone
     beside = np.stack([np.median(levels[alone + step], axis=1) for step in (-2, -1, 1, 2)])
     low, high = beside.min(axis=0), beside.max(axis=0)
     margin = np.maximum(_DEAD * high, 0.5 * (high - low))  # beyond what a line of the light itself reaches
