@@ -66,14 +66,15 @@ def _quantiles(values: NDArray[Any], share: float, *, middle: bool = False) -> F
     return np.asarray(low + (place - below) * (high - low))
 
 
-def brightness(grey: NDArray[Any], reference: NDArray[Any], share: float = 0.5) -> float:
-    """Return the light of a frame over that of another or of the empty channel, both (rows, columns) arrays."""
-    # a ratio beyond a factor of five is no lamp that flickers
+def tiles_of(grey: NDArray[Any]) -> Floats:
+    """Return the light of a frame (rows, columns) averaged over its tiles."""
     size = max(1, grey.shape[1] // _TILE), max(1, grey.shape[0] // _TILE)
-    tiles, empty = (
-        np.asarray(cv2.resize(each[::2].astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
-        for each in (grey, reference)
-    )
+    return np.asarray(cv2.resize(grey[::2].astype(np.float64), size, interpolation=cv2.INTER_AREA), dtype=np.float64)
+
+
+def brightness(tiles: Floats, empty: Floats, share: float = 0.5) -> float:
+    """Return the light of a frame over that of another or of the empty channel, by the tiles of both."""
+    # a ratio beyond a factor of five is no lamp that flickers
     ratio = quantile(transmission(tiles, empty), share) if median(empty) > 0.0 else 1.0
     return ratio if 1.0 / FLICKER < ratio < FLICKER and abs(ratio - 1.0) > _STEADY else 1.0
 
@@ -261,9 +262,11 @@ def falling_light(grey: Floats, walls: WallLines) -> Floats | None:
     for _ in range(_ROUNDS):  # least squares that leave dark columns out
         design = np.stack([x**power for power in range(powers)], axis=1) * weight[:, None]
         fit = np.append(np.linalg.lstsq(design, level * weight, rcond=None)[0], 0.0)[:3]
-        powers = 3 if fit[2] < 0.0 else 2
+        before, powers = (weight, powers), 3 if fit[2] < 0.0 else 2
         trend = fit[0] + fit[1] * x + min(fit[2], 0.0) * x**2
         weight = np.where(level < (1.0 - _DARK) * trend, _LITTLE, 1.0)
+        if powers == before[1] and np.array_equal(weight, before[0]):  # the next fit is the same
+            break
     if trend.min() <= 0.0 or 1.0 - trend.min() / trend.max() < _STRONG or np.mean(weight) < _FREE:
         return None
     y = np.arange(rows)[:, None] - 0.5 * (rows - 1)
@@ -532,19 +535,20 @@ def _tile_sums(light, free, lags, size, every):  # type: ignore[no-untyped-def]
     across = (columns + size - 1) // size
     sums = np.zeros((((rows + size - 1) // size) * across, len(lags)))
     counts = np.zeros(sums.shape, dtype=np.int64)
-    for i in range(rows):
-        for j in range(columns):
-            tile = (i // size) * across + j // size
-            if tile % every or not free[i, j]:
-                continue
-            for n in range(len(lags)):
-                k = lags[n]
-                if k <= i < rows - k and free[i - k, j] and free[i + k, j]:
-                    sums[tile, n] += (light[i, j] - 0.5 * (light[i - k, j] + light[i + k, j])) ** 2
-                    counts[tile, n] += 1
-                if k <= j < columns - k and free[i, j - k] and free[i, j + k]:
-                    sums[tile, n] += (light[i, j] - 0.5 * (light[i, j - k] + light[i, j + k])) ** 2
-                    counts[tile, n] += 1
+    for tile in range(0, len(sums), every):
+        top, left = size * (tile // across), size * (tile % across)
+        for i in range(top, min(top + size, rows)):
+            for j in range(left, min(left + size, columns)):
+                if not free[i, j]:
+                    continue
+                for n in range(len(lags)):
+                    k = lags[n]
+                    if k <= i < rows - k and free[i - k, j] and free[i + k, j]:
+                        sums[tile, n] += (light[i, j] - 0.5 * (light[i - k, j] + light[i + k, j])) ** 2
+                        counts[tile, n] += 1
+                    if k <= j < columns - k and free[i, j - k] and free[i, j + k]:
+                        sums[tile, n] += (light[i, j] - 0.5 * (light[i, j - k] + light[i, j + k])) ** 2
+                        counts[tile, n] += 1
     return sums, counts
 
 

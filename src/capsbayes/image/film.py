@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -31,12 +31,13 @@ from capsbayes.image.background import (
     runs_upright,
     take_turns,
     temporal_median,
+    tiles_of,
     transmission,
 )
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import analyse_blob
 from capsbayes.image.edges import pixel_noise
-from capsbayes.image.files import Film, Picture, Pixels
+from capsbayes.image.files import Film, Picture, Pixels, evenly_spaced
 from capsbayes.image.film_capsule import FilmCapsule, FrameRecord, Linker, Track
 from capsbayes.image.measure import CLIPPED, check_flow, read_picture, turned
 from capsbayes.image.walls import WallLines
@@ -142,13 +143,10 @@ def measure_film(
         expected = "none for a film: single pictures, events and contours alone are corrected"
         raise InputError(experiment.source or "experiment", "camera", expected, experiment.camera.described())
     film = replace(film, quarters=by_hand.quarters, gamma=by_hand.gamma)
-    # they tell the background, the contrast, and whether the film was smoothed
-    sampled: list[Pixels] = [picture.packed().grey for picture in _sample(film, by_hand, given=background is not None)]
     stated = None if background is None else turned(read_picture(background), None, by_hand)[0]
-    view = _view(film, stated, sampled, by_hand, experiment)
+    view = _view(film, stated, by_hand, experiment)
     if isinstance(view, Status):
         return FilmMeasurement(view)
-    del sampled  # hundreds of megabytes, which the frames do not need
     linker = Linker(view.walls, direction)
     records: dict[Track, FrameRecord] = {}
     statuses: Counter[Status] = Counter()
@@ -173,7 +171,7 @@ class _View:
 
     part: tuple[slice, slice]
     walls: WallLines
-    empty: Floats
+    tiles: Floats  # of the empty channel
     gain: Floats  # from grey levels, as they are analysed, to light over that of the empty channel
     between: Booleans
     contrast: Contrast
@@ -182,8 +180,9 @@ class _View:
 
     def light(self, picture: Picture) -> Floats:
         """Return the light of a frame over that of the empty channel under the lamp of the frame."""
-        level = brightness(picture.grey, self.empty, _bare(self.contrast))
-        return np.asarray(self.contrast.darkened(picture.grey / level) * self.gain)
+        level = brightness(tiles_of(picture.grey), self.tiles, _bare(self.contrast))
+        grey = picture.grey if level == 1.0 else picture.grey / level
+        return np.asarray(self.contrast.darkened(grey) * self.gain)
 
     def is_clipped(self, picture: Picture) -> bool:
         return bool(np.count_nonzero(picture.clipped & self.between) > CLIPPED * np.count_nonzero(self.between))
@@ -205,21 +204,26 @@ def _measure_frame(
         records.setdefault(track, FrameRecord()).add(frame, picture, detection)
 
 
-def _sample(film: Film, by_hand: ByHand, *, given: bool) -> Iterable[Picture]:
-    """Return some frames; where background and contrast are given, the first: a video is decoded up to the last."""
-    # for a background they are spread over the film, and for the contrast, as capsules have to be in them
-    if given and by_hand.contrast is not None:
-        return islice((picture for picture in film.frames() if picture is not None), _TELLING)
-    return film.spread(_TELLING if given else _SAMPLED)
-
-
-def _view(
-    film: Film, background: Picture | None, sampled: list[Pixels], by_hand: ByHand, experiment: Experiment
-) -> _View | Status:
-    """Return how the frames are seen before the empty channel, which is stated or shows between the capsules."""
-    first = next((picture for picture in film.frames() if picture is not None), None)
+def _sample(film: Film, by_hand: ByHand, *, given: bool) -> tuple[Picture, list[Pixels], list[Pixels]]:
+    """Return the first frame, the first ones, and some that tell background, contrast and whether it was smoothed."""
+    # for a background they are spread over the film, and for the contrast, as capsules have to be in them; where both
+    # are given, they are the first: a video is decoded up to the last
+    early = given and by_hand.contrast is not None
+    spread = evenly_spaced(film.count, _TELLING if given else _SAMPLED)
+    frames = enumerate(film.frames(only=None if early else spread.union(range(_FIRST))))
+    readable = ((number, picture) for number, picture in frames if picture is not None)
+    first, read = None, {}
+    for number, picture in islice(readable, _FIRST if early else None):
+        first, read[number] = first or picture, picture.packed().grey
     if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
+    beginning = list(read.values())[:_FIRST]
+    return first, beginning, beginning[:_TELLING] if early else [read[number] for number in read if number in spread]
+
+
+def _view(film: Film, background: Picture | None, by_hand: ByHand, experiment: Experiment) -> _View | Status:
+    """Return how the frames are seen before the empty channel, which is stated or shows between the capsules."""
+    first, beginning, sampled = _sample(film, by_hand, given=background is not None)
     if background is not None and first.shape != background.shape:
         return Status.BACKGROUND_DIFFERS
     rows, columns = part = by_hand.part(first.shape)
@@ -228,13 +232,13 @@ def _view(
         background = background.cut(part)
         check_light(first.cut(part), background, FLICKER)
         stated = background.grey
-    if take_turns(picture.grey for picture in islice(film.frames(part), _FIRST) if picture is not None):
+    if take_turns(frame[part] for frame in beginning):
         return Status.TAKE_TURNS
     if stated is None and len(sampled) < 3:
         got, advice = str(len(sampled)), "or give a background"
         raise InputError(str(film.source), "", "at least three readable frames", got, advice)
     lines = by_hand.lines(first.shape, experiment.half_width)
-    sampled = [frame[part] for frame in sampled if frame.shape == first.shape]
+    sampled = [frame[part] for frame in sampled]
     sampled = _evenly_lit(sampled, sampled[len(sampled) // 2] if stated is None else stated)
     empty = temporal_median(sampled) if stated is None else stated
     contrast = Contrast.of(sampled, empty, lines, by_hand.contrast)
@@ -261,7 +265,7 @@ def _view(
     read = slice(rows.start + near.start, rows.start + near.stop), columns
     gain = transmission(np.ones_like(shown), shown)
     shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
-    return _View(read, walls, raw[near], gain, walls.between(shown.shape), contrast, shift, by_hand.edge_offset)
+    return _View(read, walls, tiles_of(raw[near]), gain, walls.between(shown.shape), contrast, shift, by_hand.edge_offset)
 
 
 def _bare(contrast: Contrast) -> float:
@@ -271,7 +275,8 @@ def _bare(contrast: Contrast) -> float:
 
 def _evenly_lit(frames: list[Pixels], reference: Pixels) -> list[Pixels]:
     """Return frames in the light of another one, where the lamp flickers."""
-    lit = ((frame, brightness(frame, reference)) for frame in frames)
+    tiles = tiles_of(reference)
+    lit = ((frame, brightness(tiles_of(frame), tiles)) for frame in frames)
     return [frame if level == 1.0 else (frame / level).astype(np.float32) for frame, level in lit]
 
 
