@@ -25,7 +25,7 @@ from capsbayes.status import Status
 # The empty channel behind a capsule: given, the temporal median of a film, or estimated from the picture itself
 
 _BRIGHT = 85.0  # percentile along the channel that is taken for the empty channel
-_ROWS = 64  # of all frames that are held in memory a second time
+_ROWS = 16  # of all frames that are held in memory a second time
 _CORE = 0.8  # of the half width: part of the channel whose light is averaged along it
 _FAINT = 0.01  # of the light: larger differences from a smooth trend are objects
 _TILE = 8  # px: side of the squares over which light is averaged, in every second row, where frames are compared
@@ -50,19 +50,28 @@ def temporal_median(
         level = np.stack([frame[rows] for frame in frames])
         if covered is not None:  # what is covered comes last
             level = np.where([each[rows] for each in covered], np.inf, level).astype(np.float32)
-        pixels = np.ascontiguousarray(level.reshape(len(level), -1).T)
-        levels.append(_quantiles(pixels, share, middle=True).reshape(level.shape[1:]))
+        _put_in_order(level)
+        place = share * (np.count_nonzero(np.isfinite(level), axis=0) - 1)
+        around = np.stack([np.floor(place), np.ceil(place)]).astype(int)
+        levels.append(np.take_along_axis(level, around, axis=0).mean(axis=0, dtype=np.float64))
     return np.concatenate(levels)
 
 
-def _quantiles(values: NDArray[Any], share: float, *, middle: bool = False) -> Floats:
-    """Return a quantile of the finite values of each row (n, m), linear between two or their mean : (n,) array."""
-    ordered = np.sort(values, axis=1)  # for tens of levels in a third of the time of np.median; NaN comes last
+def _put_in_order(levels: NDArray[Any]) -> None:
+    """Sort tens of frames of levels (n, rows, columns) at each pixel; np.sort takes ten times as long."""
+    for turn in range(len(levels)):  # neighbours are exchanged, even and odd ones in turn
+        low, high = levels[turn % 2 : -1 : 2], levels[turn % 2 + 1 :: 2]
+        least = np.minimum(low, high)
+        np.maximum(low, high, out=high)
+        low[:] = least
+
+
+def _quantiles(values: NDArray[Any], share: float) -> Floats:
+    """Return a quantile of the finite values of each row (n, m), linear between two : (n,) array."""
+    ordered = np.sort(values, axis=1)  # NaN comes last
     place = share * (np.count_nonzero(np.isfinite(ordered), axis=1) - 1)
     below, each = np.floor(place).astype(int), np.arange(len(ordered))
     low, high = ordered[each, below], ordered[each, np.ceil(place).astype(int)]
-    if middle:
-        return np.asarray(np.mean([low, high], axis=0, dtype=np.float64))
     return np.asarray(low + (place - below) * (high - low))
 
 

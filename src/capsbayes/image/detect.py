@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -393,6 +394,14 @@ _NEAR_MIRROR = 15  # points about a mirror image
 _OF_END, _OF_BREADTH = 2.0, 0.4  # px behind an end, and distance from the axis over the breadth, where bumps are sought
 
 
+@lru_cache
+def _weights_of_bump(deviation: float, reach: int) -> Floats:
+    """Return the weights of the points around another that tell the height of a bump at it on a smooth curve."""
+    away = np.arange(-reach, reach + 1)
+    functions = np.column_stack([np.vander(away / reach, 5), np.exp(-0.5 * (away / deviation) ** 2)])
+    return np.asarray(np.linalg.pinv(functions)[-1])
+
+
 def _bears_dirt(detection: Detection) -> bool:
     """Return whether the edge at an end has a bump that its mirror image about the axis lacks."""
     walls, outline = detection.located()
@@ -403,13 +412,11 @@ def _bears_dirt(detection: Detection) -> bool:
     most = max(1.0 + detection.middle, _FEW / count, count / _MANY)
     broad = detection.flow != 0 and count > _FEW  # a rear, or what is small, may be as bent as a broad bump
     for (deviation, reach, least, sure, near), end in (_SPECK, nose | rear), (_BROAD, nose & broad):
-        away = np.arange(-reach, reach + 1)
-        functions = np.column_stack([np.vander(away / reach, 5), np.exp(-0.5 * (away / deviation) ** 2)])
-        weights = np.linalg.pinv(functions)[-1]
+        weights = _weights_of_bump(deviation, reach)
         height = np.sum(correlate1d(outline.points, weights, axis=0, mode="wrap") * outline.normals, axis=1)
         limit = np.maximum(least * most, sure * np.linalg.norm(weights) * error)
         image = np.maximum(maximum_filter1d(height, _NEAR_MIRROR, mode="wrap")[mirror], 0.0) * (np.abs(y) > near)
-        erased = maximum_filter1d(outline.erased, len(away), mode="wrap")
+        erased = maximum_filter1d(outline.erased, len(weights), mode="wrap")
         if np.any(end & ~erased & ~erased[mirror] & (height - image > limit)):
             return True
     return False

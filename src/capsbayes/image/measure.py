@@ -34,6 +34,7 @@ from capsbayes.image.background import (
 )
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
+from capsbayes.image.edge_models import quantile
 from capsbayes.image.edges import ARC, pixel_noise, scatter_expected, thinned, without_erased
 from capsbayes.image.files import Picture
 from capsbayes.image.motion import smeared
@@ -239,9 +240,10 @@ def _between(
     if not detection.status.ok and any(is_shadow(blob, walls, light.shape[1]) for blob in blobs):
         return replace(detection, status=Status.SHADED)
     dead = np.flatnonzero((picture.clipped | ~between).all(axis=0))
-    outer = np.empty(0) if detection.outline is None else np.percentile(detection.outline.points[:, 0], [0, 100])
-    if len(dead) and np.nanmin(np.abs(np.append(detection.ends, outer)[:, None] - dead), initial=np.inf) < _NEAR:
-        return replace(detection, status=Status.DEAD_COLUMN)
+    if len(dead):
+        outer = np.empty(0) if detection.outline is None else np.percentile(detection.outline.points[:, 0], [0, 100])
+        if np.nanmin(np.abs(np.append(detection.ends, outer)[:, None] - dead), initial=np.inf) < _NEAR:
+            return replace(detection, status=Status.DEAD_COLUMN)
     return detection
 
 
@@ -356,7 +358,8 @@ _LEAST_BUMP, _OF_ERROR, _OF_USUAL = 0.008, 5.0, 5.0  # of l, of the errors of an
 
 def _juts_out(odd: Floats, error: float) -> bool:
     """Return whether an outline is far from its mirror image at one place alone, as it is where something sticks."""
-    away, usual = np.abs(uniform_filter1d(np.nan_to_num(odd), 3, mode="wrap")).max(), np.nanquantile(np.abs(odd), 0.75)
+    away = np.abs(uniform_filter1d(np.nan_to_num(odd), 3, mode="wrap")).max()
+    usual = quantile(np.abs(odd[np.isfinite(odd)]), 0.75)
     return bool(away > max(_LEAST_BUMP, _OF_ERROR * error, _OF_USUAL * usual))
 
 
