@@ -122,8 +122,8 @@ def line_levels(grey: Floats, walls: WallLines, percentile: float) -> tuple[Floa
 def flatten(light: Floats, walls: WallLines) -> Floats:
     """Divide light (rows, columns) by its smooth trend along the channel, as of vignetting."""
     core = np.abs(walls.offset(light.shape)) < _CORE * walls.half_width
-    seen = core.any(axis=0)
-    level = _quantiles(np.where(core, light, np.nan)[:, seen].T, 0.5)
+    seen, rows = core.any(axis=0), core.any(axis=1)
+    level = _quantiles(np.where(core[rows], light[rows], np.nan)[:, seen].T, 0.5)
     design = np.vander(np.linspace(-1.0, 1.0, light.shape[1]), 3)
     start = np.array([0.0, 0.0, np.percentile(level, _BRIGHT)])
 

@@ -389,9 +389,9 @@ def quantile(values: Floats, share: float) -> float:
         return np.nan
     place = share * (len(ordered) - 1)
     below = int(place)
-    above = min(below + 1, len(ordered) - 1)
-    ordered.partition((below, above))
-    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+    ordered.partition(below)  # by one place: by two, it takes five times as long for a picture
+    low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1) :].min()
+    return float(low + (place - below) * (high - low))
 
 
 @lru_cache
