@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter1d
 from scipy.special import ndtri, stdtrit
 
@@ -22,26 +21,12 @@ from capsbayes.least_squares import factorise, substitute
 
 _KEPT = 0.1  # of the number of points: harmonics up to there; noise would lengthen and bend the curve
 
-Complex = NDArray[np.complex128]
 
-
-def low_harmonics(points: Floats) -> tuple[Floats, Complex]:
-    """Return the numbers of the low harmonics of a closed outline (n, 2), and their coefficients in x + iy."""
-    order: Floats = np.fft.fftfreq(len(points), 1.0 / len(points)).astype(np.float64)
-    kept = np.abs(order) <= _KEPT * len(points)
-    return order[kept], np.fft.fft(points @ np.array([1.0, 1j]))[kept] / len(points)
-
-
-def smooth_curve(points: Floats) -> Floats:
-    """Return the points (n, 2) of the smooth curve at the places of those of an outline."""
-    coefficients = np.fft.rfft(points, axis=0)
-    coefficients[int(_KEPT * len(points)) + 1 :] = 0.0
-    return np.fft.irfft(coefficients, len(points), axis=0)
-
-
-def waves(order: Floats, count: int) -> Complex:
-    """Return harmonics at so many equal steps around : (count, k) array."""
-    return np.asarray(np.exp(2j * np.pi * np.arange(count)[:, None] / count * order))
+def smooth_curve(points: Floats, count: int | None = None, derivative: int = 0) -> Floats:
+    """Return the smooth curve through an outline (n, 2), or a derivative of it, at `count` equal steps (of n)."""
+    coefficients = np.fft.rfft(points, axis=0, norm="forward")[: int(_KEPT * len(points)) + 1]
+    factors = (1j * np.arange(len(coefficients))[:, None]) ** derivative
+    return np.fft.irfft(factors * coefficients, count or len(points), axis=0, norm="forward")
 
 
 # Stretches of an outline that a person erased: which points they hold, and the smooth curve that bridges them

@@ -22,7 +22,6 @@ from capsbayes.image.edge_models import (
     curvatures,
     fit_without_outliers,
     locate,
-    low_harmonics,
     mean_squares,
     means_of_arcs,
     median,
@@ -32,7 +31,6 @@ from capsbayes.image.edge_models import (
     rounded,
     sampled,
     smooth_curve,
-    waves,
     wider_by_few,
 )
 from capsbayes.profile import arc_length, edge_lengths, equally_spaced, following, signed_area, vertex_normals
@@ -606,10 +604,7 @@ def _volume(z: Floats, y: Floats) -> float:
 
 def _smooth(points: Floats) -> tuple[Floats, float, Floats]:
     """Return dense points (d, 2) of the smooth curve through the points, its length, and its curvature at these."""
-    order, coefficients = low_harmonics(points)
-    wave, at_points = waves(order, _DENSE), waves(order, len(points))
-    dense = wave @ coefficients
-    speed = np.abs(wave @ (1j * order * coefficients))
-    first, second = at_points @ (1j * order * coefficients), at_points @ (-(order**2) * coefficients)
-    curvature = np.imag(np.conj(first) * second) / np.abs(first) ** 3
-    return np.stack([dense.real, dense.imag], axis=1), float(2.0 * np.pi * speed.mean()), np.asarray(curvature)
+    speed = np.hypot(*smooth_curve(points, _DENSE, 1).T)
+    (x, y), (bent_x, bent_y) = (smooth_curve(points, derivative=order).T for order in (1, 2))
+    curvature = (x * bent_y - y * bent_x) / np.hypot(x, y) ** 3
+    return smooth_curve(points, _DENSE), float(2.0 * np.pi * speed.mean()), np.asarray(curvature)
