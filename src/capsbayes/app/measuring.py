@@ -51,7 +51,7 @@ def _opened(path: Path) -> tuple[Picture, int, dict[str, str]]:
     if not is_film(path):
         return Picture.read(path), 1, {}
     film = Film.open(path)
-    seen = next(film.spread(1), None)
+    seen = next(film.frames(only={0}), None)
     if seen is None:
         raise InputError(str(path), "", "a film", "no frame that can be read")
     return seen, film.count, {}

@@ -305,15 +305,12 @@ def _mirrored(index, count):  # type: ignore[no-untyped-def]
     return abs(index) if index < count else 2 * (count - 1) - index
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def means_of_arcs(profiles, arc, arcs):  # type: ignore[no-untyped-def]
+def means_of_arcs(profiles: Floats, arc: Integers, arcs: int) -> tuple[Floats, Floats]:
     """Return the mean of the profiles (n, m) of each arc : (arcs, m) array, and their numbers : (arcs,) array."""
-    sums, count = np.zeros((arcs, profiles.shape[1])), np.zeros(arcs)
-    for n in range(len(profiles)):
-        count[arc[n]] += 1.0
-        for i in range(profiles.shape[1]):
-            sums[arc[n], i] += profiles[n, i]
-    return sums / np.maximum(count, 1.0).reshape(-1, 1), count
+    count, samples = np.bincount(arc, minlength=arcs).astype(np.float64), profiles.shape[1]
+    place = arc[:, None] * samples + np.arange(samples)
+    sums = np.bincount(place.ravel(), profiles.ravel(), arcs * samples).reshape(arcs, samples)
+    return sums / np.maximum(count, 1.0)[:, None], count
 
 
 def mean_squares(profiles: Floats, means: Floats, arc: Integers, used: Floats) -> Floats:

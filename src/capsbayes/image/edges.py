@@ -434,24 +434,15 @@ def _coarse(
 ) -> tuple[int, float, float] | None:
     """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel."""
     # behind the rim, a band counts only if another one, that of the outer edge, is seen in front of it
-    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)  # by which each ray is shifted
-    smooth = gaussian_filter1d(_stacked(rays, bend), _BAND_SMOOTHING, axis=1, mode="nearest")
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)[:, :, None]  # by which each ray is shifted
+    count, deep = rays.shape
+    inward = np.clip(np.arange(deep) + bend, 0, deep - 1) + deep * np.arange(count)[:, None]
+    smooth = gaussian_filter1d(rays.take(inward).mean(axis=1), _BAND_SMOOTHING, axis=1, mode="nearest")
     least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
     row, dip, prominence = _most_prominent(smooth, least, behind_rim)
     if row < 0:
         return None
     return dip, float(curvatures[row]), _deviation(smooth[row], dip, 0.5 * prominence)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _stacked(rays, bend):  # type: ignore[no-untyped-def]
-    """Return the means of rays (r, u), each shifted inwards by its bend (c, r) : (c, u) array."""
-    stacked = np.zeros((len(bend), rays.shape[1]))
-    for c in range(len(bend)):
-        for r in range(len(rays)):
-            for u in range(rays.shape[1]):
-                stacked[c, u] += rays[r, min(max(u + bend[c, r], 0), rays.shape[1] - 1)]
-    return stacked / len(rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -292,10 +292,6 @@ class Film:
                 shape = shape or frame.shape
             yield None if frame is None or frame.shape != shape else Picture.from_array(frame[part]).linear(self.gamma)
 
-    def spread(self, count: int) -> Iterator[Picture]:
-        """Iterate over at most `count` frames at about equal distances; those that cannot be read are omitted."""
-        return (picture for picture in self.frames(only=evenly_spaced(self.count, count)) if picture is not None)
-
     @property
     def sha256(self) -> str:
         """Hash of the file, or of all pictures of the folder in their order."""
