@@ -44,9 +44,8 @@ def temporal_median(
     if len(frames) < 3 or len(shapes) != 1:
         got = f"{len(frames)} of shapes {', '.join(map(str, sorted(shapes)))}" if len(frames) else "none"
         raise InputError("background", "frames", "at least three frames of one shape", got)
-    blocks = np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS))
     levels = []
-    for rows in blocks:
+    for rows in np.array_split(np.arange(len(frames[0])), max(1, len(frames[0]) // _ROWS)):
         level = np.stack([frame[rows] for frame in frames])
         if covered is not None:  # what is covered comes last
             level = np.where([each[rows] for each in covered], np.inf, level).astype(np.float32)
@@ -354,9 +353,9 @@ def is_shadow(blob: Blob, walls: WallLines, columns: int) -> bool:
     left, right = x < _BORDER, x > columns - 1.0 - _BORDER
     if left.any() and right.any():
         return True
-    for out, end in ((left, x < _CLEARANCE), (right, x > columns - 1.0 - _CLEARANCE)):
-        if out.any() and np.ptp(blob.polygon[end] @ walls.across) < _LINE:
-            return True
+    ends = (left, x < _CLEARANCE), (right, x > columns - 1.0 - _CLEARANCE)
+    if any(out.any() and np.ptp(blob.polygon[end] @ walls.across) < _LINE for out, end in ends):
+        return True
     leaving = (blob.polygon[left | right] - walls.middle) @ walls.across / walls.half_width
     return len(leaving) > 0 and bool(np.abs(leaving).min() > _BY_WALL and abs(np.sign(leaving).mean()) == 1.0)
 
@@ -375,9 +374,8 @@ def blob_of_mask(mask: Booleans, walls: WallLines) -> Blob:
 def _pieces(mask: NDArray[np.uint8]) -> list[Blob]:
     """Return the connected pieces of a mask, their status not yet judged."""
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    areas = [cv2.contourArea(contour, oriented=True) for contour in contours]
-    clockwise = (contour[:: 1 if area > 0.0 else -1, 0] for contour, area in zip(contours, areas, strict=True))
-    return [Blob(polygon.astype(float), abs(area)) for polygon, area in zip(clockwise, areas, strict=True)]
+    areas = ((contour, cv2.contourArea(contour, oriented=True)) for contour in contours)
+    return [Blob(contour[:: 1 if area > 0.0 else -1, 0].astype(float), abs(area)) for contour, area in areas]
 
 
 @lru_cache(maxsize=1)  # the frames of a film share it
@@ -398,10 +396,9 @@ def _status(blob: Blob, blobs: list[Blob], shape: tuple[int, ...], half_width: f
     if notch(blob.polygon) > max(_NOTCH[0], _NOTCH[1] * np.sqrt(blob.area / np.pi)):
         return Status.DOUBLET
     low, high = blob.polygon.min(axis=0) - _CLEARANCE, blob.polygon.max(axis=0) + _CLEARANCE
-    for other in blobs:
-        if other is not blob and np.any(np.all((other.polygon > low) & (other.polygon < high), axis=1)):
-            return Status.TOO_CLOSE
-    return Status.DONE
+    others = (other.polygon for other in blobs if other is not blob)
+    close = any(np.any(np.all((polygon > low) & (polygon < high), axis=1)) for polygon in others)
+    return Status.TOO_CLOSE if close else Status.DONE
 
 
 def notch(polygon: Floats) -> float:

@@ -87,10 +87,10 @@ class Picture:
         grey = levels.astype(np.float64)
         if not is_integer and not np.all(np.isfinite(grey)):
             raise InputError(where, "", "finite grey levels", f"{int(np.sum(~np.isfinite(grey)))} NaN or infinite ones")
-        if (below := np.count_nonzero(levels < 0) / levels.size) > _BELOW_ZERO:
+        if levels.min() < 0 and (below := float(np.mean(levels < 0))) > _BELOW_ZERO:
             got = f"{below:.0%} of them below zero, as after a subtraction"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
-        few = np.unique(levels if len(np.unique(levels[::8, ::8])) <= _FEW else levels[:0])
+        few = np.unique(levels if len(np.unique(levels[::16, ::16])) <= _FEW else levels[:0])
         if len(few) == 2 or (2 < len(few) <= _FEW and few[-1] - few[0] > _DARK):
             got = f"{'two' if len(few) == 2 else len(few)} levels, as behind a threshold"
             raise InputError(where, "", "grey levels of a camera", got, "give the picture as it was recorded")
@@ -144,10 +144,8 @@ def _dead(levels: Pixels) -> NDArray[np.intp]:
     """Return the dead rows of levels (rows, columns): those of one level throughout, another one than beside."""
     flat = levels.max(axis=1) == levels.min(axis=1)
     alone = np.flatnonzero(flat[2:-2] & ~(flat[:-4] | flat[1:-3] | flat[3:-1] | flat[4:])) + 2
-    if not len(alone):  # medians take time, of nothing too
-        return alone
-    beside = np.stack([np.median(levels[alone + step], axis=1) for step in (-2, -1, 1, 2)])
-    low, high = beside.min(axis=0), beside.max(axis=0)
+    beside = np.median(levels[alone[:, None] + [-2, -1, 1, 2]], axis=2)
+    low, high = beside.min(axis=1), beside.max(axis=1)
     margin = np.maximum(_DEAD * high, 0.5 * (high - low))  # beyond what a line of the light itself reaches
     return alone[(levels[alone, 0] < low - margin) | (levels[alone, 0] > high + margin)]
 

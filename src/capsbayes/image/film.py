@@ -263,9 +263,9 @@ def _view(film: Film, background: Picture | None, by_hand: ByHand, experiment: E
     near = walls.rows_around(empty.shape)
     walls, shown = walls.moved(0, -near.start), empty[near]
     read = slice(rows.start + near.start, rows.start + near.stop), columns
-    gain = transmission(np.ones_like(shown), shown)
+    gain, tiles = transmission(np.ones_like(shown), shown), tiles_of(raw[near])
     shift = _shift([frame[near] for frame in sampled], contrast, walls, gain)
-    return _View(read, walls, tiles_of(raw[near]), gain, walls.between(shown.shape), contrast, shift, by_hand.edge_offset)
+    return _View(read, walls, tiles, gain, walls.between(shown.shape), contrast, shift, by_hand.edge_offset)
 
 
 def _bare(contrast: Contrast) -> float:
@@ -303,8 +303,6 @@ def _without_capsules(frames: list[Pixels], empty: Floats, contrast: Contrast, w
 
 def _shift(sampled: list[Pixels], contrast: Contrast, walls: WallLines, gain: Floats) -> float:
     """Return the median of the shifts of some frames that follow from smoothing [px]."""
-    shifts = []
-    for frame in sampled[:: max(1, len(sampled) // _TELLING)]:
-        light = contrast.darkened(frame) * gain
-        shifts.append(edge_shift(light, walls, find_blobs(light, walls, pixel_noise(light))))
+    lights = (contrast.darkened(frame) * gain for frame in sampled[:: max(1, len(sampled) // _TELLING)])
+    shifts = [edge_shift(light, walls, find_blobs(light, walls, pixel_noise(light))) for light in lights]
     return float(np.median(shifts)) if shifts else 0.0
