@@ -197,12 +197,20 @@ def test_tables_and_files_hold_the_capsules(plain, tmp_path):
 
 
 def test_a_stated_contrast_gives_the_same_from_the_first_frames(plain, tmp_path, monkeypatch):
-    asked, spread = [], Film.spread
-    monkeypatch.setattr(Film, "spread", lambda film, count: asked.append(count) or spread(film, count))
+    asked, frames = [], Film.frames
+
+    def recorded(film, *part, only=None):
+        asked.append(only)
+        return frames(film, *part, only=only)
+
+    monkeypatch.setattr(Film, "frames", recorded)
     stated = capsule_in(tmp_path / "stated", film(PLACES), by_hand=ByHand(contrast="dark"))
-    assert not asked
+    assert asked == [None, None]
     capsule_in(tmp_path / "found", film(PLACES))
-    assert len(asked) == 1  # the contrast is sought in frames spread over the film
+    assert asked[2:] == [
+        set(range(12)),
+        None,
+    ]  # the contrast is sought in the first frames and others, all over the film
     assert stated.status is Status.DONE
     np.testing.assert_allclose(stated.measurement.lengths, plain.capsules[0].measurement.lengths, rtol=1e-6)
 
