@@ -264,7 +264,7 @@ def falling_light(grey: Floats, walls: WallLines) -> Floats | None:
         strip = away < _FOLLOWED_CORE * walls.half_width
     if not strip.any(axis=0).all():
         return None
-    level = _quantiles(np.where(strip, grey, np.nan).T, 0.5)
+    level = _quantiles(np.where(strip, grey, np.nan)[strip.any(axis=1)].T, 0.5)
     x = np.arange(columns) - 0.5 * (columns - 1)
     weight, powers = np.ones(columns), 3
     for _ in range(_ROUNDS):  # least squares that leave dark columns out
@@ -433,7 +433,7 @@ def check_light(picture: Picture, background: Picture, most: float = _GAIN) -> N
     if np.mean(picture.clipped[:, ends]) > 0.5:  # said when its walls are known
         return
     level, ground = float(np.median(seen[:, ends])), float(np.median(empty[:, ends]))
-    low, high = np.percentile(seen, (1, 99))
+    low, high = quantile(seen, 0.01), quantile(seen, 0.99)
     if abs(level - ground) <= _FAINT_DIFFERENCE * (high - low) or 1.0 / most <= level / max(ground, 1e-9) <= most:
         return
     way = "darker" if ground < level else "brighter"
@@ -447,7 +447,8 @@ def check_light(picture: Picture, background: Picture, most: float = _GAIN) -> N
 def check_place(seen: Floats, background: Picture, walls: WallLines | None) -> None:
     """Refuse a background that lies elsewhere or is turned or of another channel, or not empty as the picture is."""
     empty = background.grey
-    in_picture, in_background = find_walls(seen), find_walls(empty)
+    found = walls is not None and not walls.stated  # in the background, where it is given
+    in_picture, in_background = find_walls(seen), walls if found else find_walls(empty)
     if in_picture is not None and in_background is None and find_walls(np.ascontiguousarray(empty.T)) is not None:
         got = "one whose channel runs up and down"
         raise _error(background, "a background of the same channel", got, "take both the same way round")
@@ -561,8 +562,7 @@ def _tile_sums(light, free, lags, size, every):  # type: ignore[no-untyped-def]
 def _has_blocks(light: Floats, free: Booleans) -> bool:
     """Return whether the steps from pixel to pixel are larger at every eighth row and column than between."""
     ratio = 1.0
-    for axis in (0, 1):
-        along, clear = np.moveaxis(light, axis, 0), np.moveaxis(free, axis, 0)
+    for along, clear in ((light, free), (light.T, free.T)):
         inside = clear[1:] & clear[:-1]
         steps = np.sum(np.square(np.diff(along, axis=0)), axis=1, where=inside)
         number = np.count_nonzero(inside, axis=1)

@@ -434,8 +434,7 @@ def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     half_height, length = 0.5 * float(np.ptp(outline.points @ walls.across)), nose.distance + end.distance
     tips = [(downstream, nose), (-downstream, end)]
     for outwards, tip in tips if detection.flow == 0 else tips[:1]:
-        at = detection.axis + tip.distance * outwards
-        if shows_second_nose(light, at, -outwards, length, half_height, noise):
+        if shows_second_nose(light, detection.axis + tip.distance * outwards, -outwards, length, half_height, noise):
             return Detection(Status.OVERLAP, walls, outline, detection.flow, blob=detection.blob)
     if detection.flow == 0:
         return detection
