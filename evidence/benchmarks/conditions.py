@@ -78,10 +78,14 @@ def ringed(view: View, camera: Camera, random: np.random.Generator) -> tuple[Vie
     return replace(view, looks=looks), replace(camera, blur=random.uniform(0.7, 2.0))
 
 
-def line(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
-    """Show of the membrane a line alone, 2 to 6 px broad: inside it is almost as bright as outside."""
-    half, inside = random.uniform(1.0, 3.0), random.uniform(0.0, 0.04)
-    return looks(line=half, interior=inside, rear=view.looks.membrane, rear_width=half)(view, camera, random)
+def line(least: float, most: float) -> Change:
+    """Return a change that shows the membrane as a line, 2 to 6 px broad; inside it is darker by so much."""
+
+    def changed(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
+        half, inside = random.uniform(1.0, 3.0), random.uniform(least, most)
+        return looks(line=half, interior=inside, rear=view.looks.membrane, rear_width=half)(view, camera, random)
+
+    return changed
 
 
 def clear(view: View, camera: Camera, random: np.random.Generator) -> tuple[View, Camera]:
@@ -122,7 +126,8 @@ CONDITIONS: dict[str, Change] = {
     "as bright inside as outside": clear,
     "halo 15 %": looks(halo=0.15),
     "rings of light": ringed,
-    "the membrane as a line": line,
+    "the membrane as a line": line(0.0, 0.04),
+    "the same, darker inside": line(0.1, 0.3),
     "two capsules overlap": overlapping,
 }
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates, maximum_filter1d, uniform_filter1d
 from scipy.spatial import KDTree
+from scipy.special import ndtr
 
 from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.image.background import Blob, between_walls
@@ -240,15 +241,15 @@ _EVERY, _MOST = 3, 0.75  # rows and columns of the channel, and the quantile of 
 _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are left outside, where two overlap 0.36
 
 
-# A membrane of which a line alone is seen, as of one that fluoresces: inside it is as bright as outside. The membrane
+# A membrane that is seen as a line: both flanks are steep, and what is darker inside begins at its middle. The membrane
 # may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end
 
 _IN_LINE = 0.5  # of the depth of its middle: standard error of the place of the membrane
 _LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
-_FAINT = 0.2  # of the darkness of the line: more is left inside of drawn capsules, 0.26 at least
-_SEEN, _BREADTH = 0.6, 0.3  # of the half height: depths that are looked at, and of the end of the line
+_EVEN = 0.87  # least slope of its inner flank over that of the outer: of drawn lines 0.9 and more, of bands up to 0.7
+_FAINT = 0.2  # of its darkness: at its inner end, and the least beyond that of the inside
+_DEEP, _BREADTH = 12, 0.3  # px, and of the half height: depths that are looked at
 _ALIKE = 9  # points over which the line is averaged
-_EVEN = 0.72  # least slope of its inner flank over that of the outer: of drawn lines 0.79 and more, of bands up to 0.66
 
 
 @dataclass(frozen=True)
@@ -284,32 +285,40 @@ class _Edge:
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
     def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> Floats:
-        """Return the depth (n,) of the middle of the line at the edge of a capsule; 0 where the inside is dark."""
+        """Return the depth (n,) of the middle of the line at the edge of a capsule; 0 where there is none."""
         none = np.zeros(len(outline.points))
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
-        depth = np.arange(-_INSIDE, round(_SEEN * half))
-        if half < _LARGE or self.level - self._usual(light, outline, depth[-1:])[0] > _FAINT * self.darkest:
+        if half < _LARGE:
             return none
+        depth = np.arange(-_INSIDE, max(_DEEP, round(_BREADTH * half)) + 1)
         dark = self.level - self._usual(light, outline, depth)
-        top = int(np.argmax(dark[depth < _BREADTH * half]))
-        end = top + int(np.argmax(dark[top:] < _FAINT * dark[top]))
-        inside = dark[end:]
-        if depth[end] > _BREADTH * half or end == top or quantile(np.abs(inside), 0.9) > _FAINT * dark[top]:
+        top = int(np.argmax(dark))
+        inside = max(float(dark[top:].min()), 0.0)
+        end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
+        if dark[top] - inside < _FAINT * dark[top]:
             return none
-        slope = np.gradient(dark)
-        if -slope[top : end + 2].min() < _EVEN * slope[: top + 1].max():
+        within, width = depth[: end + 1], median(outline.edge_width)
+        own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
+        slope = np.gradient(own[0])
+        if -slope[top:].min() < _EVEN * slope[: top + 1].max():
             return none
-        line = self.level - uniform_filter1d(_across(light, outline, -depth[: end + 1]), _ALIKE, axis=0, mode="wrap")
-        within, middle = depth[: end + 1], np.full(len(line), float(depth[top]))
-        for _ in range(3):  # what is darker inside begins at the middle
-            own = line - max(median(inside), 0.0) * np.clip(within - middle[:, None] + 0.5, 0.0, 1.0)
-            core = np.maximum(own - 0.5 * own.max(axis=1, keepdims=True), 0.0)
-            middle = core @ within / np.maximum(core.sum(axis=1), 1e-9)
+        line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
+        _, middle = _line_and_middle(line, within, inside, width)
         return np.where(self.kept, middle, median(middle[self.kept]))
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
         """Return the median light at depths : (m,) array."""
         return np.asarray(np.median(_across(light, outline, -depth)[self.kept], axis=0))
+
+
+def _line_and_middle(dark: Floats, depth: Integers, inside: float, width: float) -> tuple[Floats, Floats]:
+    """Return lines (n, m) without the darkness inside, which begins at their middles, and these (n,)."""
+    middle = depth[np.argmax(dark, axis=1)].astype(np.float64)
+    for _ in range(4):
+        own = dark - inside * ndtr((depth - middle[:, None]) / width)
+        core = np.maximum(own - 0.5 * own.max(axis=1, keepdims=True), 0.0)
+        middle = core @ depth / np.maximum(core.sum(axis=1), 1e-9)
+    return own, middle
 
 
 def _across(light: Floats, outline: EdgeOutline, along: Integers) -> Floats:
