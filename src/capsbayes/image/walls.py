@@ -113,7 +113,7 @@ class WallLines:
 
     def is_clear(self, clearance: Floats) -> Booleans:
         """Return which points are far enough from the walls for their edge, by their distances from the nearer one."""
-        return np.asarray(clearance > _CLEAR * self.line_width)
+        return np.asarray(clearance > _CLEAR * np.hypot(self.line_width, self.rough))
 
 
 def find_walls(grey: Floats) -> WallLines | None:
