@@ -5,9 +5,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from scipy.ndimage import gaussian_filter1d
 
-from capsbayes import Database, Experiment, Surrogate, identify
+from capsbayes import Database, Experiment, Measurement, Surrogate, identify
 from capsbayes.image import ByHand, Picture, detect, measure
 from capsbayes.image.walls import find_walls
 from capsbayes.status import Status
@@ -272,6 +273,40 @@ def test_a_capsule_askew_is_less_sure(scenes):
     scores, statuses = off(scenes, lambda view, picture, empty: turned(picture, empty, view, 2.0))
     assert len(statuses) <= 1  # next to the walls, which are not turned
     assert np.abs(scores).max() < 2.5
+
+
+def test_of_a_capsule_askew_the_table_is_what_is_stored_and_of_a_lopsided_one_there_is_none(
+    scenes, tmp_path, monkeypatch, capsys
+):
+    view, picture, empty = scenes[1]
+    (tmp_path / "known.toml").write_text(
+        'cross_section = "square"\nhalf_width = "25.0 +/- 0.2 um"\nviscosity = "0.85 Pa s"\n'
+    )
+    cv2.imwrite(str(tmp_path / "empty.png"), empty)
+    askew, lopsided = turned(picture, empty, view, 2.0), sheared(picture, empty, 8.0)
+    for name, shown in (("plain", picture), ("askew", askew), ("lopsided", lopsided)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), shown)
+        how = "--experiment", tmp_path / "known.toml", "--velocity", "6 +/- 0.1 mm/s", "--flow", "right"
+        how = *how, "--background", tmp_path / "empty.png", "--out", tmp_path / name
+        end, printed, _ = run(monkeypatch, capsys, "measure", tmp_path / f"{name}.png", *how)
+        table = detect(Picture.from_array(shown), background=Picture.from_array(empty), flow="right").table()
+        if name == "lopsided":
+            assert end == 1
+            assert "L_z" not in printed
+            assert table.loc[["L_z", "L_a", "L_p"], ["value_px", "error_px", "error_over_l"]].isna().all(axis=None)
+            continue
+        stored = Measurement.read(tmp_path / name / "measurement.toml")
+        errors = np.sqrt(np.diag(stored.covariance))
+        for quantity, value, error in zip(("L_z", "L_a"), stored.lengths, errors, strict=True):
+            row = table.loc[quantity]
+            assert f"{value:.4f} ± {error:.4f}" in printed
+            assert row["value_over_l"] == pytest.approx(value)
+            assert row["error_over_l"] == pytest.approx(error)
+            of_width = table.loc["l", "error_px"] * value
+            assert np.hypot(row["error_px"], of_width) / table.loc["l", "value_px"] == pytest.approx(error)
+        apart = np.array([1.0, -1.0])
+        assert table.loc["L_p", "error_over_l"] == pytest.approx(np.sqrt(apart @ stored.covariance @ apart))
+        assert (errors[0] > 0.01) == (name == "askew")
 
 
 def test_a_particle_inside_is_not_taken_for_the_rear(scenes):

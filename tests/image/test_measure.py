@@ -96,9 +96,11 @@ def test_a_measurement_and_a_table_are_over_l_with_the_errors_of_both(tmp_path):
     assert read.over_half_width
     np.testing.assert_allclose(read.lengths, [extent / half_width, length / half_width])
     share = np.sqrt(np.diag(detection.covariance)) / detection.lengths
-    odd = np.array([2.0, 1.0]) * askew_size(read.outline.points, read.outline.noise) / read.lengths
-    relative = np.sqrt(share[:2] ** 2 + share[3] ** 2 + odd**2)
+    relative = np.sqrt(share[:2] ** 2 + share[3] ** 2)
     np.testing.assert_allclose(np.sqrt(np.diag(read.covariance)) / read.lengths, relative)
+    odd = np.array([2.0, 1.0]) * half_width * askew_size(read.outline.points, read.outline.noise)
+    without = np.diag(replace(detection, further=np.zeros((2, 2))).covariance)
+    np.testing.assert_allclose(np.diag(detection.covariance)[:2], without[:2] + odd**2)
     assert 0.0 < read.length_correlation < 1.0
     assert read.source.endswith("picture.png")
     assert len(read.sha256) == 64
@@ -286,6 +288,9 @@ def test_an_uncertain_camera_makes_lengths_uncertain():
     np.testing.assert_allclose(uncertain.lengths, plain.lengths, rtol=1e-12)
     added = 0.01 * plain.lengths
     np.testing.assert_allclose(uncertain.covariance - plain.covariance, np.outer(added, added), rtol=0.05)
+    shown, empty = map(Picture.from_array, (made.picture, made.background))
+    table = detect(shown, background=empty, camera=camera).table().loc[["L_z", "L_a"]]
+    np.testing.assert_allclose(table["error_over_l"], np.sqrt(np.diag(uncertain.covariance)))
 
 
 def test_a_contour_has_square_pixels_if_their_aspect_is_stated(tmp_path):

@@ -17,7 +17,7 @@ from capsbayes.files.recording import is_film, pixel_size_of
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection
 from capsbayes.image.files import Film, Picture
-from capsbayes.image.measure import detect, turned
+from capsbayes.image.measure import detect, detected_in, turned
 from capsbayes.image.overlay import png_of
 from capsbayes.image.rtdc import RtdcFile
 from capsbayes.report.tables import typeset
@@ -74,10 +74,8 @@ def measured(folder: str, stated: Stated) -> dict[str, Any]:
 
 def detected(stated: Stated, experiment: Experiment | None) -> tuple[Picture, Detection]:
     """Return the picture and what is found in it as it is stated."""
-    empty = Picture.read(stated.background) if stated.background else None
-    seen, empty, by_hand = turned(Picture.read(stated.picture), empty, ByHand(**stated.by_hand()))
-    half_width = None if experiment is None else experiment.half_width
-    return seen, detect(seen, background=empty, flow=stated.flow or None, by_hand=by_hand, half_width=half_width)
+    by_hand = ByHand(**stated.by_hand())
+    return detected_in(stated.picture, stated.background or None, stated.flow or None, by_hand, experiment)
 
 
 def _drawn(detection: Detection, columns: int) -> dict[str, Any]:

@@ -131,18 +131,15 @@ def measured_picture(
     path: Path, experiment: cb.Experiment, stated: PictureOptions, out: Path | None, *, record: bool = False
 ) -> cb.Measurement:
     """Measure the capsule in a picture, write and print what was detected; as JSON only its `record`; failures end."""
-    from capsbayes.image.files import Picture
-    from capsbayes.image.measure import detect, measurement_of, turned, write_detection
+    from capsbayes.image.measure import detected_in, measurement_of, write_detection
 
-    speeds, by_hand = stated.speeds(experiment), stated.by_hand()
-    empty = None if stated.background is None else Picture.read(stated.background)
-    seen, empty, by_hand = turned(Picture.read(path), empty, by_hand)
-    detection = detect(seen, background=empty, flow=stated.flow, by_hand=by_hand, half_width=experiment.half_width)
+    speeds = stated.speeds(experiment)
+    seen, detection = detected_in(path, stated.background, stated.flow, stated.by_hand(), experiment)
     measured = measurement_of(detection, seen, experiment, speeds.get("capsule_velocity"), speeds.get("flow_rate"))
     if out is not None:
         write_detection(out, seen, detection, measured, experiment)
     if record or not wants_json.get():
-        parts = _detection_parts(detection, measured, experiment) if detection.status.ok else ()
+        parts = _detection_parts(detection, measured, experiment) if measured.status.ok else ()
         conclude(_record(measured), parts, lines=[f"Status: {measured.status}"], good=measured.status.ok)
     elif not measured.status.ok:
         typer.echo(f"Status: {measured.status}", err=True)
@@ -184,11 +181,12 @@ def _detection_parts(detection: Detection, measured: cb.Measurement, experiment:
     from capsbayes.report.tables import table
 
     yield table(("", "px", "over l", "µm"), _length_rows(detection, experiment), numbers=(1, 2, 3))
-    if detection.rear is None:
-        bound = (detection.lengths[0] + 2.0 * math.sqrt(detection.covariance[0, 0])) / detection.lengths[3]
-        yield f"The concave rear is not seen: L_a is at most {bound:.4f} l, the length of the silhouette."
+    rear, bound = detection.rear, measured.axial_length_bound
+    if rear is None or bound is not None:
+        why = "not seen" if rear is None else "too uncertain"
+        yield f"The concave rear is {why}: L_a is at most {bound:.4f} l, the length of the silhouette."
     else:
-        rear, where = detection.rear, "; where in the band the membrane lies is not in the error."
+        where = "; where in the band the membrane lies is not in the error."
         if rear.within > 0.0:
             where = f": the membrane lies anywhere within, and {rear.within:.1f} px of that are in the error of L_a."
         yield f"L_a goes to the middle of the rear band, whose standard deviation is {rear.width:.1f} px{where}"
@@ -207,8 +205,8 @@ def _detection_parts(detection: Detection, measured: cb.Measurement, experiment:
             "errors, unless it is stated (--edge-offset)."
         )
     if experiment.camera is not None:
-        lengths = ", ".join(f"{length:.4f}" for length in measured.lengths)
-        yield f"Over l without the faults of the camera ({experiment.camera.described()}): {lengths}."
+        words = "are taken out of L_z, L_a and L_p; perimeter, area, volume and Lambda are as seen."
+        yield f"The faults of the camera ({experiment.camera.described()}) {words}"
     yield _outline_words(measured)
 
 
@@ -268,7 +266,8 @@ def _measure_contour(path: Path, experiment: cb.Experiment, stated: StatedOption
     if measured.axial_length is not None and measured.axial_length_error is not None:
         length = f"L_a {_pair(measured.axial_length, measured.axial_length_error, digits=4)} l"
     extent = f"L_z {_pair(measured.axial_extent, measured.axial_extent_error, digits=4)} l"
-    conclude(_record(measured), [extent, length, _outline_words(measured)], lines=[f"Status: {measured.status}"])
+    parts = [extent, length, _outline_words(measured)] if measured.status.ok else ()
+    conclude(_record(measured), parts, lines=[f"Status: {measured.status}"], good=measured.status.ok)
 
 
 def _measure_film(path: Path, experiment: cb.Experiment, stated: StatedOptions, out: Path | None) -> None:

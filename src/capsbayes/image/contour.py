@@ -20,7 +20,7 @@ from capsbayes.files.csv_file import finite_numbers, read_columns
 from capsbayes.files.input_file import parsing, read_bytes
 from capsbayes.image.by_hand import ByHand
 from capsbayes.image.edge_models import robust_spread
-from capsbayes.image.measure import EdgeErrors, check_flow, measurement_of_lengths, over_l, speeds_of
+from capsbayes.image.measure import EdgeErrors, asymmetry_of, check_flow, measurement_of_lengths, over_l, speeds_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.profile import Profile, arc_length, check_simple, signed_area, vertex_normals
@@ -177,6 +177,8 @@ def measure_contour(
     seen = over_l(edge, errors, half_width, relative * half_width)
     if seen is not None and aspect.sd > 0.0:
         seen = replace(seen, pose=replace(seen.pose, pixel_aspect=aspect.sd))
+    status, further = asymmetry_of(seen, half_width)
+    covariance[:2, :2] += further
     named, size_um = "pixel" if contour.unit == "px" else "unit", 1e6 * unit.value
     return measurement_of_lengths(
         lengths,
@@ -185,6 +187,7 @@ def measure_contour(
         experiment,
         flow_rate=rate,
         outline=seen,
+        status=status,
         walls=between or f"the half width over a {named} of {size_um:.4g} um",
         source=contour.source,
         sha256=contour.sha256,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ from capsbayes.image.edges import (
     shows_second_nose,
 )
 from capsbayes.image.walls import WallLines
+from capsbayes.measurement import MeasuredOutline
 from capsbayes.quantity import Quantity
 from capsbayes.status import Status
 
@@ -69,6 +70,9 @@ class Detection:
     shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
     middle: float = 0.0  # [px]: mean depth of the edge in the line of a membrane; 0 where the inside is dark
+    factors: Floats = field(default_factory=lambda: np.ones(2))  # L_z and L_a over those seen by the camera : (2,)
+    further: Floats = field(default_factory=lambda: np.zeros((2, 2)))  # [px^2]: errors by the camera and if askew
+    silhouette: MeasuredOutline | None = None  # over l, without the faults of the camera
 
     def located(self) -> tuple[WallLines, EdgeOutline]:
         """Return walls and outline of a detection that has both."""
@@ -86,16 +90,17 @@ class Detection:
 
     @property
     def lengths(self) -> Floats:
-        """L_z, L_a, L_p and l : (4,) array [px]; NaN where missing."""
+        """L_z, L_a, L_p and l, without known faults of the camera : (4,) array [px]; NaN where missing."""
         if self.walls is None or self.nose is None or self.end is None:
             return np.full(4, np.nan)
         extent = self.nose.distance + self.end.distance
         depth = np.nan if self.rear is None else self.rear.depth
-        return np.array([extent, extent - depth, depth, self.walls.half_width])
+        extent, length = np.array([extent, extent - depth]) * self.factors
+        return np.array([extent, length, extent - length, self.walls.half_width])
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of the errors of `lengths` : (4, 4) array [px^2]."""
+        """Covariance of the errors of `lengths`, from all causes : (4, 4) array [px^2]; NaN where missing."""
         return self._covariance(systematic=False)
 
     @property
@@ -122,9 +127,9 @@ class Detection:
     @property
     def ends(self) -> Floats:
         """Columns of the ends of L_z and L_a : (3,) array [px]; NaN where missing."""
-        if self.walls is None or self.nose is None or self.end is None:
+        if self.walls is None or self.nose is None:
             return np.full(3, np.nan)
-        distances = np.array([self.nose.distance, -self.end.distance, self.lengths[2] - self.end.distance])
+        distances = self.nose.distance - np.append(0.0, self.lengths[:2] / self.factors)
         return np.asarray(self.axis[0] + distances * (self.flow or 1) * self.walls.along[0])
 
     def moved(self, right: int, down: int) -> Detection:
@@ -167,16 +172,17 @@ class Detection:
         depth = math.nan
         if self.rear is not None:
             depth = self.rear.systematic if systematic else self.rear.depth_error**2
-        alone = np.array(
+        shared = self.offset * np.array([2.0, 1.0])  # nose and end move apart, the rear stays
+        seen = np.array([[nose + end, nose], [nose, nose + depth]]) + np.outer(shared, shared)
+        (extent, both), (_, length) = seen * np.outer(self.factors, self.factors) + self.further
+        return np.array(
             [
-                [nose + end, nose, end, 0.0],
-                [nose, nose + depth, -depth, 0.0],
-                [end, -depth, end + depth, 0.0],
+                [extent, both, extent - both, 0.0],
+                [both, length, both - length, 0.0],
+                [extent - both, both - length, extent + length - 2.0 * both, 0.0],
                 [0.0, 0.0, 0.0, self.walls.half_width_error**2],
             ]
         )
-        shared = self.offset * np.array([2.0, 1.0, 1.0, 0.0])  # nose and end move apart, the rear stays
-        return alone + np.outer(shared, shared)
 
 
 def analyse_blob(

@@ -19,7 +19,7 @@ from capsbayes.image.detect import Detection
 from capsbayes.image.edge_models import robust_spread
 from capsbayes.image.edges import ARC, AVERAGED, centroid, centroid_variance, scatter_left
 from capsbayes.image.files import Picture
-from capsbayes.image.measure import EdgeErrors, measurement_of_lengths, over_l
+from capsbayes.image.measure import EdgeErrors, asymmetry_of, measurement_of_lengths, over_l
 from capsbayes.image.motion import Drift, Velocity, drift, repeated, smeared, times_of, velocity
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import MeasuredOutline, Measurement
@@ -357,6 +357,8 @@ class FilmCapsule:
         if status.ok:
             change = 0.5 * lengths[0] * _unmodelled_error(drifts, "L_z")  # of either end
             silhouette = outlines.taken(alike).sharpest().silhouette(walls, int(np.sign(speed.value)), change)
+            status, further = asymmetry_of(silhouette, lengths[3])
+            covariance[:2, :2] += further
         measured = measurement_of_lengths(
             lengths,
             covariance,

@@ -128,8 +128,8 @@ def over_l(points: Floats, errors: EdgeErrors, half_width: float, half_width_err
 
 def _straightened(
     detection: Detection, outline: MeasuredOutline | None, columns: int, camera: Camera
-) -> tuple[Floats, Floats, MeasuredOutline | None]:
-    """Return lengths, covariance and silhouette of a detection without the faults of a camera, with their errors."""
+) -> tuple[Detection, MeasuredOutline | None]:
+    """Return a detection and its silhouette without the faults of a camera, with their errors."""
     lines, located = detection.located()
     half_width, sense = lines.half_width, detection.flow or 1
     along_across = np.stack([lines.along, lines.across], axis=1) / half_width
@@ -140,16 +140,11 @@ def _straightened(
     hollow = np.array([front[0] - sense * detection.lengths[1] / half_width, 0.0])
     points = np.array([front, back, hollow])
     true, seen = (np.abs(each[0, 0] - each[1:, 0]) for each in (camera.straightened(points, walls=walls), points))
-    factors = np.append(true / seen, [1.0, 1.0])
-    # L_p is no length of its own, and is seldom read: that of the others
-    lengths = detection.lengths * factors
-    lengths[2] = lengths[0] - lengths[1]
     errors = camera.errors_of(points, walls=walls)
     off = half_width * (errors[:, :1, 0] - errors[:, 1:, 0])
-    covariance = detection.covariance * np.outer(factors, factors)
-    covariance[:2, :2] += off.T @ off
+    corrected = replace(detection, factors=true / seen, further=off.T @ off)
     if outline is None:
-        return lengths, covariance, None
+        return corrected, None
     flow = [sense, 1]
     middle = (detection.axis - origin) @ along_across * flow
     places = camera.straightened((outline.points + middle) * flow, walls=walls) * flow
@@ -159,11 +154,12 @@ def _straightened(
         middle=float(0.5 * (places[:, 0].max() + places[:, 0].min())),
         walls=walls,
     )
-    return lengths, covariance, replace(outline, points=places - middle, pose=pose)
+    return corrected, replace(outline, points=places - middle, pose=pose)
 
 
 # The capsule in one picture: its lengths, their errors, and the edges that they were read from
 
+Source = str | Path | ArrayLike
 FLOWS = {"right": 1, "left": -1}
 _NEAR = 3.0  # px: nearer to a dead column, an end of the capsule is not located
 CLIPPED = 0.02  # largest share of clipped pixels between the walls
@@ -176,6 +172,7 @@ def detect(
     flow: str | None = None,
     by_hand: ByHand | None = None,
     half_width: Given | None = None,
+    camera: Camera | None = None,
 ) -> Detection:
     """Find the walls, the capsule and its concave rear in a picture."""
     direction = check_flow(flow)
@@ -208,7 +205,7 @@ def detect(
         erased = erased - np.array([0, near.start, 0, near.start])
     around = shown.cut((near, slice(None))), level[near], walls.moved(0, -near.start)
     found = _between(*around, direction, erased, by_hand.edge_offset, faintest)
-    return found.moved(columns.start, rows.start + near.start)
+    return completed(found.moved(columns.start, rows.start + near.start), picture.shape[1], camera)
 
 
 def _between(
@@ -294,10 +291,18 @@ def measure(
     speed, rate = speeds_of("measure", capsule_velocity, flow_rate)
     if speed is None and rate is None and experiment.viscous_tension is None:
         Quantity.of(None, "capsule_velocity", where="measure")  # refuses that it is missing
+    seen, detection = detected_in(picture, background, flow, by_hand, experiment)
+    return measurement_of(detection, seen, experiment, speed, rate)
+
+
+def detected_in(
+    picture: Source, background: Source | None, flow: str | None, by_hand: ByHand | None, known: Experiment | None
+) -> tuple[Picture, Detection]:
+    """Return a picture, from a file or an array, as it is turned by hand, and what is detected in it."""
     empty = None if background is None else read_picture(background)
     seen, empty, by_hand = turned(read_picture(picture), empty, by_hand)
-    detection = detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=experiment.half_width)
-    return measurement_of(detection, seen, experiment, speed, rate)
+    width, camera = (None, None) if known is None else (known.half_width, known.camera)
+    return seen, detect(seen, background=empty, flow=flow, by_hand=by_hand, half_width=width, camera=camera)
 
 
 def speeds_of(where: str, velocity: Given | None, flow_rate: Given | None) -> tuple[Quantity | None, Quantity | None]:
@@ -330,16 +335,13 @@ def measurement_of(
         speeds.append(flow_rate.value / (AREAS[experiment.cross_section] * width**2))
     if status.ok and speeds and smeared(experiment.exposure, speeds[0], width / float(detection.lengths[3])):
         status = Status.SMEARED
-    lengths, covariance, outline = detection.lengths, detection.covariance, silhouette_of(detection)
-    if status.ok and experiment.camera is not None:
-        lengths, covariance, outline = _straightened(detection, outline, picture.shape[1], experiment.camera)
     return measurement_of_lengths(
-        lengths,
-        covariance,
+        detection.lengths,
+        detection.covariance,
         capsule_velocity,
         experiment,
         flow_rate=flow_rate,
-        outline=outline,
+        outline=detection.silhouette,
         status=status,
         walls=detection.walls or "",
         source=picture.source,
@@ -371,6 +373,29 @@ def _of_turn(points: Floats, turn: float) -> Floats:
     return np.array([np.ptp(z) - np.ptp(turned), z.max() - turned.max()])
 
 
+def asymmetry_of(outline: MeasuredOutline | None, half_width: float) -> tuple[Status, Floats]:
+    """Return whether an outline is symmetric, and the covariance (2, 2) [px^2] of L_z and L_a due to its odd part."""
+    if outline is None:
+        return Status.DONE, np.zeros((2, 2))
+    odd, turn = on_mirror(outline.points)
+    askew = askew_size(outline.points, outline.noise, odd)
+    status = Status.LOPSIDED if askew > MOST_ASKEW else Status.DONE
+    errors = half_width * np.hypot(askew * _OF_ASKEW, _of_turn(outline.points, turn))
+    # what a shear does to L_z tells nothing of L_a
+    return Status.DOUBLET if _juts_out(odd, outline.noise.scale) else status, np.diag(errors**2)
+
+
+def completed(detection: Detection, columns: int, camera: Camera | None) -> Detection:
+    """Return a detection with its silhouette, without the faults of a camera; refused where it is not symmetric."""
+    outline = silhouette_of(detection)
+    if detection.status.ok and camera is not None:
+        detection, outline = _straightened(detection, outline, columns, camera)
+    status, further = asymmetry_of(outline, detection.lengths[3])
+    if not status.ok:
+        return Detection(status, detection.walls, detection.outline, detection.flow, blob=detection.blob)
+    return replace(detection, further=detection.further + further, silhouette=outline)
+
+
 def measurement_of_lengths(
     lengths: Floats,
     covariance: Floats,
@@ -390,22 +415,12 @@ def measurement_of_lengths(
     doubts = [] if isinstance(walls, str) else [walls.doubt]
     if gamma is not None:
         doubts.append(f"The grey levels are taken to be the light to the power of 1/{gamma:g}, as stated (--gamma).")
-    askew, of_turn = 0.0, np.zeros(2)
-    if status.ok and outline is not None:
-        odd, turn = on_mirror(outline.points)
-        askew, of_turn = askew_size(outline.points, outline.noise, odd), _of_turn(outline.points, turn)
-        if _juts_out(odd, outline.noise.scale):
-            status = Status.DOUBLET
-        elif askew > MOST_ASKEW:
-            status = Status.LOPSIDED
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
     known = [0, 1] if covariance[1, 1] < lengths[1] ** 2 < np.inf else [0]  # an error beyond its value tells nothing
     scaled = lengths[known] * scale
-    ends = np.hypot(askew * _OF_ASKEW, of_turn)[known]
     spread = covariance[np.ix_(known, known)] * scale**2 + np.outer(scaled, scaled) * relative_error**2
-    spread += np.diag(ends**2)  # what a shear does to L_z tells nothing of L_a
     errors = np.sqrt(np.diag(spread))
     measured = Measurement(
         axial_extent=float(scaled[0]),
@@ -429,7 +444,7 @@ def measurement_of_lengths(
     )
 
 
-def read_picture(source: str | Path | ArrayLike) -> Picture:
+def read_picture(source: Source) -> Picture:
     """Return a picture from a file or an array."""
     return Picture.read(source) if isinstance(source, (str, Path)) else Picture.from_array(source)
 

@@ -178,12 +178,12 @@ def _lengths(canvas: _Canvas, detection: Detection, nose: float) -> None:
     tip = detection.axis + nose * downstream
     if (line := detection.rear_line()) is not None:
         canvas.line(list(line), REAR, breadth=canvas.scale)
-    over = detection.lengths / walls.half_width
-    for name, ratio, colour, aside, side in (("z", over[0], EXTENT, 6.0, -1), ("a", over[1], LENGTH, 0.0, 1)):
-        if np.isfinite(ratio):
+    drawn = ("z", EXTENT, 6.0, -1), ("a", LENGTH, 0.0, 1)
+    for (name, colour, aside, side), length, factor in zip(drawn, detection.lengths, detection.factors, strict=False):
+        if np.isfinite(length):
             stop = tip - aside * walls.across
-            start = stop - ratio * walls.half_width * downstream
+            start = stop - length / factor * downstream
             canvas.arrow(start, stop, colour)
             column, row = np.rint(canvas.scale * 0.5 * (start + stop)).astype(int)
             at = column - 3 * letter, row + side * letter
-            _write(canvas.pixels, rf"$L_{name} = {ratio:.3f}\,\ell$", letter, at, colour)
+            _write(canvas.pixels, rf"$L_{name} = {length / walls.half_width:.3f}\,\ell$", letter, at, colour)

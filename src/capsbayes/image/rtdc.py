@@ -24,7 +24,7 @@ from capsbayes.image.by_hand import ByHand
 from capsbayes.image.detect import Detection, analyse_blob
 from capsbayes.image.edges import pixel_noise
 from capsbayes.image.files import MOST_IN_FRAMES, Picture, check_pixels, evenly_spaced
-from capsbayes.image.measure import check_flow, measurement_of, speeds_of
+from capsbayes.image.measure import check_flow, completed, measurement_of, speeds_of
 from capsbayes.image.walls import WallLines
 from capsbayes.measurement import Measurement
 from capsbayes.quantity import Given, Quantity
@@ -205,6 +205,7 @@ def measure_rtdc(
         picture = replace(Picture.from_array(image), source=f"{file.path}, event {number}", sha256=file.sha256)
         light = picture.grey * gain
         detection = analyse_blob(light, pixel_noise(light), walls, blob_of_mask(mask, walls), direction, shift)
+        detection = completed(detection, picture.shape[1], known.camera)
         measured = measurement_of(detection, picture, known, speed, rate)
         yield Event(number, picture, detection, measured, pixel_size)
 
