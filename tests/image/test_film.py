@@ -98,6 +98,21 @@ def test_a_film_in_which_most_frames_are_copies_is_refused(tmp_path, count, nois
     assert capsule.status is capsule.measurement.status is Status.REPEATED
 
 
+def test_a_capsule_whose_mean_outline_is_lopsided_is_refused_in_the_table_too(tmp_path):
+    """As a shutter takes it that reads row after row, 5 px later at each l further down."""
+    columns, late = np.arange(SHAPE[1]), 5.0 * (np.arange(SHAPE[0]) - 0.5 * (SHAPE[0] - 1)) / HALF_WIDTH
+    sheared = [
+        np.array([np.interp(columns - way, columns, row) for way, row in zip(late, frame, strict=True)]).astype(
+            np.uint8
+        )
+        for frame in film(PLACES)
+    ]
+    made = measured(tmp_path / "film", sheared)
+    assert len(made.capsules[0].record.measured) == len(PLACES)
+    assert made.capsules[0].status is made.capsules[0].measurement.status is Status.LOPSIDED
+    assert made.table()["status"].tolist() == ["LOPSIDED"]
+
+
 def test_exposure_half_width_and_frame_rate_count(tmp_path):
     """The capsule moves by 0.93 px in 20 us at 2000 pictures in a second, by 7 px in 150 us."""
     for exposure, status in (("20 us", Status.DONE), ("150 us", Status.SMEARED)):
