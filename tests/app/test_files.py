@@ -51,9 +51,9 @@ def test_a_picture_is_shown_and_measured_before_anything_else_is_stated(folder):
 
 
 def test_what_is_put_right_by_hand_is_measured_again(folder):
-    by_hand = Stated("capsule.png", walls="40.0, 150.0", wall_error="2", crop="10, 20, 185, 160")
+    by_hand = Stated("capsule.png", walls="44.0, 154.0", wall_error="2", crop="10, 20, 185, 160")
     found = measuring.measured(str(folder), by_hand)
-    assert found["walls"] == pytest.approx([40.0, 40.0, 150.0, 150.0])
+    assert found["walls"] == pytest.approx([44.0, 44.0, 154.0, 154.0])
     assert (found["ok"], found["flow"]) == (True, 1)
     assert measuring.measured(str(folder), Stated("capsule.png", flow="left"))["status"] == str(Status.WRONG_FLOW)
 
