@@ -320,6 +320,22 @@ def test_a_particle_inside_is_not_taken_for_the_rear(scenes):
     assert seen >= 2
 
 
+def test_a_rear_that_is_fainter_than_the_outer_edge_is_seen():
+    """Of capsules that are concave by 20 px or more; where they are convex, none is."""
+    cases, depths = Database.open("square-neo-hookean").converged, []
+    for number in (402, 405, 406, 407, 409, 411, 412):
+        view, lens = scenery(cases, np.random.default_rng([2026, number]))
+        view = replace(view, looks=replace(view.looks, rear=0.1, membrane=0.5))
+        picture, empty = map(Picture.from_array, photograph(view, lens, seed=number))
+        found = detect(picture, background=empty)
+        depths.append(view.axial_extent - view.axial_length)
+        if depths[-1] < 1.0:
+            assert found.rear is None
+        else:
+            assert abs(found.lengths[1] - view.axial_length) < 2.0 * np.sqrt(found.covariance[1, 1])
+    assert np.count_nonzero(np.array(depths) > 20.0) == 4
+
+
 def rough(monkeypatch, rms, over):
     """Let either wall wander by so many px rms, alike over so many px."""
     smooth, random = renderer.channel_of, np.random.default_rng(11)

@@ -371,7 +371,7 @@ _DEPTH = 0.45  # of the capsule's length: largest distance from the rear end at 
 _BAND_SMOOTHING = 1.5  # px
 _STRIP = 3.0  # px: breadth of the strips in which the band is located
 _FEWEST_STRIPS = 4  # strips
-_FULL = 0.2  # of the usual darkness along the band, that the outer third on either side has; a particle ends there
+_FULL = 0.2  # of the largest darkness along the band, that the outer third on either side has; a particle ends there
 _FLOOR, _STRIP_SCATTER = 0.02, 1.0  # px: smallest and largest spread of the strips about the parabola
 _BEHIND = 10  # px behind the band within which it must brighten again
 _BAND_REACH = 1.7, 5, 14  # half width of the fit around the band: over its deviation, at least and at most in px
@@ -405,8 +405,13 @@ def find_rear(
 ) -> RearBand | None:
     """Find the dark band of a concave rear."""
     rays, y = _rays(light, end, inwards, _DEPTH * length, half_height)
-    start = _coarse(rays, y, _CURVATURES / half_height, noise)
-    return None if start is None else _fine(rays, y, start, blur, noise)
+    # the band of the outer edge may be darker; behind it, the far side of a particle is bent the other way
+    for behind_rim, most in ((False, math.inf), (True, 0.0)):
+        start = _coarse(rays, y, _CURVATURES / half_height, noise, behind_rim=behind_rim)
+        rear = None if start is None else _fine(rays, y, start, blur, noise)
+        if rear is not None and rear.curvature < most:
+            return rear
+    return None
 
 
 def shows_second_nose(
@@ -503,7 +508,7 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
     away = fit.coefficients @ parabola.T - shown
     nearest = np.abs(samples - away[:, None]).argmin(axis=1)
     dark = 0.5 * (means[:, 0] + means[:, -1]) - means[np.arange(strips), nearest]
-    if min(dark[: strips // 3].mean(), dark[-(strips // 3) :].mean()) < _FULL * median(dark):
+    if min(dark[: strips // 3].mean(), dark[-(strips // 3) :].mean()) < _FULL * dark.max():
         return None
     expected = noise**2 * median(bands.place_variance[fit.kept] / count[fit.kept])
     free = int(fit.kept.sum()) - fit.design.shape[1]
