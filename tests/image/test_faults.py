@@ -14,7 +14,7 @@ from capsbayes.image.walls import find_walls
 from capsbayes.status import Status
 from evidence.benchmarks import camera as renderer
 from evidence.benchmarks.camera import Camera, photograph
-from evidence.benchmarks.conditions import HALF_WIDTH, scenery, taken
+from evidence.benchmarks.conditions import HALF_WIDTH, overlapping, scenery, taken
 from evidence.benchmarks.picture_moduli import bumped, salted
 
 EXPERIMENT = Experiment(cross_section="square", half_width="25.0 +/- 0.001 um", viscosity=0.85)
@@ -245,6 +245,19 @@ def test_where_two_capsules_overlap_is_no_capsule():
         for _, shot in taken(cases, number, [name]):
             found = detect(Picture.from_array(shot.picture), background=Picture.from_array(shot.empty))
             assert found.status in (Status.DOUBLET, Status.OVERLAP)
+
+
+def test_two_capsules_overlap_where_the_inside_darkens_at_once():
+    """A second nose without a dark membrane does not brighten again behind it; one capsule alone is measured."""
+    cases = Database.open("square-neo-hookean").converged
+    for number in (401, 404, 406, 408, 409):
+        view, lens = scenery(cases, np.random.default_rng([2026, number]))
+        plain = {"interior": 0.28, "membrane": 0.12, "membrane_width": 2.0, "rear": 0.2, "halo": 0.0}
+        view = replace(view, looks=replace(view.looks, **plain))
+        two, _ = overlapping(view, lens, np.random.default_rng([7, number]))
+        for shown, status in ((view, Status.DONE), (two, Status.OVERLAP)):
+            picture, empty = map(Picture.from_array, photograph(shown, lens, seed=number))
+            assert detect(picture, background=empty).status is status
 
 
 def test_broad_walls_and_what_is_darker_beyond_them_are_in_the_error_of_the_half_width(scenes):

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, gaussian_filter, gaussian_filter1d, map_coordinates, median_filter, spline_filter
 from scipy.spatial import KDTree
@@ -378,9 +379,10 @@ _BAND_REACH = 1.7, 5, 14  # half width of the fit around the band: over its devi
 _PROMINENCE = 0.02  # of the light, at least
 _SIGNIFICANCE = 6.0  # of the prominence over its noise
 _CURVATURES = np.linspace(-2.4, 0.2, 14)  # over the capsule's half height: off the axis the rear is less deep
-_FRONT = 0.5  # of the capsule's length: a concave rear is never as deep as that from the nose
+_FRONT = 1.0 - _DEPTH  # of the capsule's length: what lies further from the nose may be a concave rear
 _RESOLVED = 60.0  # px: shortest capsule in which a second nose is sought; cells of 36 px show dark structures
 _NOSES = np.linspace(0.4, 2.0, 5)  # over the capsule's half height: curvatures of a second nose
+_FALL, _STEP = 6, 0.3  # px; of the darkness at the rim, by which the light falls where a second capsule begins
 _CLEAR = 3.0  # of the band's deviation: nearer to the end of the silhouette it merges with the band of the outer edge
 _OVERLAP, _FADING = 0.08, 2.5  # of the deviation: shift by the outer edge's band, and distance at which it fades
 _WIDE = 3.5  # px: deviation from which on a band is wider than a line in focus; of 40 drawn ones it is 3.0 at most
@@ -422,7 +424,9 @@ def shows_second_nose(
     if length < _RESOLVED:
         return False
     rays, y = _rays(light, nose, inwards, _FRONT * length, half_height)
-    return _coarse(rays, y, _NOSES / half_height, noise, behind_rim=True) is not None
+    curvatures = _NOSES / half_height
+    band = _coarse(rays, y, curvatures, noise, behind_rim=True)
+    return band is not None or _darkens_at_once(_stacked(rays, y, curvatures))
 
 
 def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height: float) -> tuple[Floats, Floats]:
@@ -434,15 +438,30 @@ def _rays(light: Floats, end: Floats, inwards: Floats, depth: float, half_height
     return np.asarray(map_coordinates(light, at[::-1], order=1, mode="nearest")), y
 
 
+def _stacked(rays: Floats, y: Floats, curvatures: Floats) -> Floats:
+    """Return the mean of the rays (r, u) along curves of some curvatures (c,) : (c, u) array."""
+    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)[:, :, None]  # by which each ray is shifted
+    count, deep = rays.shape
+    inward = np.clip(np.arange(deep) + bend, 0, deep - 1) + deep * np.arange(count)[:, None]
+    return np.asarray(rays.take(inward).mean(axis=1))
+
+
+def _darkens_at_once(profiles: Floats) -> bool:
+    """Return whether the light in profiles (c, u) falls behind the rim and stays low, as where two capsules overlap."""
+    rim = np.argmax(np.diff(profiles, axis=1) >= 0.0, axis=1)[:, None]
+    windows = sliding_window_view(profiles, _FALL + _BEHIND + 1, axis=1)
+    before, behind = windows[..., :_FALL].max(axis=-1), windows[..., _FALL:].max(axis=-1)
+    step = before - behind - (behind - windows[..., -1])  # where the light falls on and on, there is none
+    inside = (rim > 0) & (np.arange(step.shape[1]) >= rim)
+    return bool(np.any(inside & (step > _STEP * (1.0 - np.take_along_axis(profiles, rim, axis=1)))))
+
+
 def _coarse(
     rays: Floats, y: Floats, curvatures: Floats, noise: float, *, behind_rim: bool = False
 ) -> tuple[int, float, float] | None:
     """Return the depth of a band on the axis, its curvature, and its standard deviation, to a pixel."""
     # behind the rim, a band counts only if another one, that of the outer edge, is seen in front of it
-    bend = np.rint(0.5 * curvatures[:, None] * y**2).astype(np.int64)[:, :, None]  # by which each ray is shifted
-    count, deep = rays.shape
-    inward = np.clip(np.arange(deep) + bend, 0, deep - 1) + deep * np.arange(count)[:, None]
-    smooth = gaussian_filter1d(rays.take(inward).mean(axis=1), _BAND_SMOOTHING, axis=1, mode="nearest")
+    smooth = gaussian_filter1d(_stacked(rays, y, curvatures), _BAND_SMOOTHING, axis=1, mode="nearest")
     least = max(_PROMINENCE, _SIGNIFICANCE * noise / np.sqrt(len(y)))
     row, dip, prominence = _most_prominent(smooth, least, behind_rim)
     if row < 0:
