@@ -333,6 +333,17 @@ def test_a_particle_inside_is_not_taken_for_the_rear(scenes):
     assert seen >= 2
 
 
+def test_a_plain_capsule_that_bears_a_dark_particle_is_measured(scenes):
+    """It is less than half as dark as the particle, which alone would be taken for what is dark."""
+    for number, (view, *_) in enumerate((scenes[0], scenes[1], scenes[3])):
+        looks = replace(view.looks, interior=0.1, membrane=0.2, rear=0.15)
+        picture, empty = photograph(replace(view, looks=looks), Camera(), seed=number)
+        behind = np.array(view.capsules[0].centre) - 0.1 * view.axial_extent * view.along
+        found = detect(Picture.from_array(spotted(picture, behind, 10)), background=Picture.from_array(empty))
+        assert found.status is Status.DONE
+        assert abs(found.lengths[0] - view.axial_extent) < 2.5 * np.sqrt(found.covariance[0, 0])
+
+
 def test_a_rear_that_is_fainter_than_the_outer_edge_is_seen():
     """Of capsules that are concave by 20 px or more; where they are convex, none is."""
     cases, depths = Database.open("square-neo-hookean").converged, []
