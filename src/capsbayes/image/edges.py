@@ -44,7 +44,7 @@ _SPACING = 1.25  # px between normals
 ARC = 18.0  # px: length of the arcs that share one shape of the edge
 # length of the arcs, and the deviation [px] of a Gaussian that smooths the picture: what is too sharp for its pixels is
 # smoothed; what is too faint too, then in longer arcs
-_ATTEMPTS = (ARC, 0.0), (ARC, 0.6), (2.0 * ARC, 0.6)
+_ATTEMPTS = (ARC, 0.0), (ARC, 0.6), (2.0 * ARC, 0.6), (4.0 * ARC, 0.6)
 _SHARP = 0.4  # px: edges less wide than that lie between two pixels
 _REACH = 9  # px along a normal, to either side
 _SMOOTHING = 2.0  # px: of the curve on which the normals stand
