@@ -211,16 +211,16 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    middle = np.zeros(len(outline.points))
+    middle, share = np.zeros(len(outline.points)), 1.0
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
         beyond = np.hypot(beyond, _OF_RING * edge.ring)
-        middle = edge.middle_of_line(light, outline, walls)
+        middle, share = edge.middle_of_line(light, outline, walls)
         beyond = np.hypot(beyond, _IN_LINE * np.mean(middle))
-    offset, outwards = np.hypot(shift, beyond), -middle
-    if edge_offset is not None:
-        offset, outwards = edge_offset.sd, edge_offset.mean - middle
+    offset, outwards = np.hypot(shift, beyond), -share * middle
+    if edge_offset is not None:  # it is stated from the middle of a line, or from the located edge
+        offset, outwards = edge_offset.sd, edge_offset.mean - (middle if share == 1.0 else 0.0 * middle)
     outline = replace(outline, points=outline.points + outwards[:, None] * outline.normals)
     found = Detection(
         Status.DONE,
@@ -248,11 +248,14 @@ _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are
 
 
 # A membrane that is seen as a line: both flanks are steep, and what is darker inside begins at its middle. The membrane
-# may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end
+# may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end. What
+# is between, as a thin shell that is darkest along its tangents, has its edge between
 
 _IN_LINE = 0.5  # of the depth of its middle: standard error of the place of the membrane
 _LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
 _EVEN = 0.87  # least slope of its inner flank over that of the outer: of drawn lines 0.9 and more, of bands up to 0.7
+_UNEVEN, _PALE, _SEEN = 0.6, 0.45, 1.1  # the same, darkness inside over that of the line, and width [px] of a thin shell
+_HALFWAY = 0.45  # of the depth of the middle: edge of a thin shell
 _FAINT = 0.2  # of its darkness: at its inner end, and the least beyond that of the inside
 _DEEP, _BREADTH = 12, 0.3  # px, and of the half height: depths that are looked at
 _ALIKE = 9  # points over which the line is averaged
@@ -290,9 +293,9 @@ class _Edge:
         """Darkness outside the edge over that at it."""
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
-    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> Floats:
-        """Return the depth (n,) of the middle of the line at the edge of a capsule; 0 where there is none."""
-        none = np.zeros(len(outline.points))
+    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> tuple[Floats, float]:
+        """Return the depth (n,) of the middle of a line, 0 where there is none, and that of the edge over it."""
+        none = np.zeros(len(outline.points)), 1.0
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
         if half < _LARGE:
             return none
@@ -306,11 +309,13 @@ class _Edge:
         within, width = depth[: end + 1], median(outline.edge_width)
         own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
         slope = np.gradient(own[0])
-        if -slope[top:].min() < _EVEN * slope[: top + 1].max():
+        even = -slope[top:].min() / slope[: top + 1].max()
+        if even < _UNEVEN or (even < _EVEN and (inside > _PALE * dark[top] or width > _SEEN)):
             return none
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
         _, middle = _line_and_middle(line, within, inside, width)
-        return np.where(self.kept, middle, median(middle[self.kept]))
+        depths = np.where(self.kept, middle, median(middle[self.kept]))
+        return depths, 1.0 if even >= _EVEN else _HALFWAY
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
         """Return the median light at depths : (m,) array."""
