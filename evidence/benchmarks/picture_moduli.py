@@ -173,10 +173,12 @@ def answer(
     return extent | {way: told(by, models[way], truth) for way, by in ways.items()}
 
 
-def told(measured: Measurement, model: Surrogate, truth: dict[str, float]) -> dict[str, Any]:
+def told(
+    measured: Measurement, model: Surrogate, truth: dict[str, float], experiment: Experiment = EXPERIMENT
+) -> dict[str, Any]:
     """Return which intervals hold the true values, the standard deviation and the error of ln G_s, or why not."""
     try:
-        found = identify(measured, model, EXPERIMENT, engine="quadrature", seed=1, error_budget=False)
+        found = identify(measured, model, experiment, engine="quadrature", seed=1, error_budget=False)
     except InputError:
         return {"refused": "no such shape"}
     if NOT_TO_BE_USED in found.status.value:

@@ -23,6 +23,7 @@ from evidence.benchmarks import (
     membrane_effects,
     membrane_pools,
     membrane_sensitivity,
+    microscope,
     mutation,
     off_axis,
     omitted_effects,
@@ -32,6 +33,7 @@ from evidence.benchmarks import (
     silhouettes,
     speed,
 )
+from evidence.benchmarks.counts import percent
 from evidence.benchmarks.stored import RESULTS, ROOT
 from evidence.markdown import between_marks
 from evidence.rebuild import MEMBRANES
@@ -50,7 +52,7 @@ BENCHMARKS = (
         membrane_coverage,
     ),
     *(membrane_effects, membrane_sensitivity, mutation, off_axis, omitted_effects, picture_moduli, picture_sessions),
-    *(population_coverage, silhouettes, speed),
+    *(microscope, population_coverage, silhouettes, speed),
 )
 STORED = [module.STORED for module in BENCHMARKS] + [membrane_sensitivity.SAME, membrane_sensitivity.MAP]
 
@@ -71,6 +73,8 @@ def test_tables_have_every_row():
     assert all(row["wall"] > 0.0 < row["processor"] for row in stored(speed).values())
     assert list(stored(conditions)) == list(conditions.CONDITIONS)
     assert {sum(numbers["statuses"].values()) for numbers in stored(conditions).values()} == {100}
+    assert list(stored(microscope)) == list(microscope.CONDITIONS)
+    assert len({sum(row["statuses"].values()) for row in stored(microscope).values()}) == 1
     assert list(stored(picture_moduli)) == [f"all, {optics}" for optics in picture_moduli.OPTICS] + [
         *picture_moduli.NAMES
     ]
@@ -96,6 +100,18 @@ def test_moduli_from_pictures_are_missed_where_the_page_says():
 
     assert [*missed("silhouette")] == ["levels squared"]
     assert [*missed("lengths")] == ["levels squared"]
+
+
+def test_lengths_and_moduli_through_a_microscope_are_missed_where_the_page_says():
+    missed = {}
+    for name, row in stored(microscope).items():
+        counts = [(row["L_z"]["inside"]["95%"], row["L_z"]["n"])] if "L_z" in row else []
+        counts += [(row["G_s"][f"{microscope.MODULUS} 95"], row["G_s"]["n"])] if row["G_s"]["n"] else []
+        if any(held < stats.binom.ppf(0.025, number, 0.95) for held, number in counts):
+            missed[name] = [percent(held / number) for held, number in counts]
+    page = " ".join(microscope.STORED.page.read_text().split())
+    told = re.findall(r"\*([^*]+)\*: (\d+ %) of \$L_z\$, (\d+ %) of G_s", page)
+    assert {name: shares for name, *shares in told} == missed
 
 
 def test_intervals_of_batches_hold_on_every_mesh():
