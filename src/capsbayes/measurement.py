@@ -350,7 +350,7 @@ class Measurement(Readable):
     walls : str
         How the walls, and thus l in pixels, were stated by hand; empty if they were found in the picture.
     doubt : str
-        What is doubtful about the walls, a sentence; empty if nothing.
+        What is doubtful about the walls, the grey levels or the edge, in sentences; empty if nothing.
 
     Raises
     ------

@@ -408,3 +408,11 @@ def test_walls_that_bend_or_open_are_not_taken_for_rough_ones(scenes):
                 away = np.broadcast_to(away, empty.shape)
                 moved = [np.interp(rows + away[:, column], rows, empty[:, column]) for column in range(columns)]
                 assert find_walls(np.stack(moved, axis=1)) is None
+
+
+def test_a_bright_fringe_around_the_edge_is_told(scenes):
+    for view, picture, empty in scenes[:3]:
+        bright, channel = photograph(replace(view, looks=replace(view.looks, halo=0.2)), Camera(), seed=1)
+        for shown, before, told in ((picture, empty, False), (bright, channel, True)):
+            found = measure(shown, EXPERIMENT, capsule_velocity="6 +/- 0.1 mm/s", background=before)
+            assert ("bright fringe" in found.doubt) is told

@@ -73,6 +73,7 @@ def test_a_ring_outside_the_edge_is_in_the_errors_and_a_stated_offset_takes_it_o
     by_hand = ByHand(edge_offset=f"{measured.value} +/- {measured.error} px")
     stated = detect(picture, background=empty, by_hand=by_hand)
     assert stated.offset == pytest.approx(np.hypot(0.03, measured.error), rel=1e-3)
+    assert stated.fringe == 0.0 < ringed.fringe
     assert abs(stated.lengths[0] - view.axial_extent) < 2.0 * np.sqrt(stated.covariance[0, 0])
     assert stated.covariance[0, 0] < 0.25 * ringed.covariance[0, 0]
     middles = [silhouette_of(each).points.mean(axis=0) for each in (ringed, stated)]

@@ -70,6 +70,7 @@ class Detection:
     shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
     middle: float = 0.0  # [px]: mean depth of the edge in the line of a membrane; 0 where the inside is dark
+    fringe: float = 0.0  # light of a bright fringe outside the edge over the darkness at it; 0 if the offset is stated
     factors: Floats = field(default_factory=lambda: np.ones(2))  # L_z and L_a over those seen by the camera : (2,)
     further: Floats = field(default_factory=lambda: np.zeros((2, 2)))  # [px^2]: errors by the camera and if askew
     silhouette: MeasuredOutline | None = None  # over l, without the faults of the camera
@@ -211,16 +212,16 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    middle, share = np.zeros(len(outline.points)), 1.0
+    middle, share, fringe = np.zeros(len(outline.points)), 1.0, 0.0
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
-        beyond = np.hypot(beyond, _OF_RING * edge.ring)
+        beyond, fringe = np.hypot(beyond, _OF_RING * edge.ring), edge.fringe
         middle, share = edge.middle_of_line(light, outline, walls)
         beyond = np.hypot(beyond, _IN_LINE * np.mean(middle))
     offset, outwards = np.hypot(shift, beyond), -share * middle
     if edge_offset is not None:  # it is stated from the middle of a line, or from the located edge
-        offset, outwards = edge_offset.sd, edge_offset.mean - (middle if share == 1.0 else 0.0 * middle)
+        fringe, offset, outwards = 0.0, edge_offset.sd, edge_offset.mean - (middle if share == 1.0 else 0.0 * middle)
     outline = replace(outline, points=outline.points + outwards[:, None] * outline.normals)
     found = Detection(
         Status.DONE,
@@ -231,6 +232,7 @@ def analyse_blob(
         shift=shift,
         offset=float(np.hypot(EDGE_FLOOR, offset)),
         middle=float(np.mean(middle)),
+        fringe=fringe,
     )
     return _with_ends(light, noise, found)
 
@@ -270,6 +272,7 @@ class _Edge:
     full: float  # light of most of the channel
     darkest: float  # darkness at the edge, beyond that outside
     ring: float  # depth of the dark ring outside over this darkness
+    fringe: float  # height of the bright fringe outside over it
 
     @classmethod
     def of(cls, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Edge | None:
@@ -286,7 +289,8 @@ class _Edge:
         darkest = max(level - float(profile.min()), 1e-6)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
-        return cls(kept, level, full, darkest, max(float(ring), 0.0) / darkest)
+        fringe = float(profile[along >= 0].max()) - level
+        return cls(kept, level, full, darkest, max(float(ring), 0.0) / darkest, fringe / darkest)
 
     @property
     def dark_outside(self) -> float:

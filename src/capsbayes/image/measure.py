@@ -162,6 +162,7 @@ def _straightened(
 Source = str | Path | ArrayLike
 FLOWS = {"right": 1, "left": -1}
 _NEAR = 3.0  # px: nearer to a dead column, an end of the capsule is not located
+_FRINGE = 0.1  # of the darkness at an edge: brighter fringes are told
 CLIPPED = 0.02  # largest share of clipped pixels between the walls
 
 
@@ -347,6 +348,7 @@ def measurement_of(
         source=picture.source,
         sha256=picture.sha256,
         gamma=picture.gamma,
+        fringe=detection.fringe,
     )
 
 
@@ -409,12 +411,16 @@ def measurement_of_lengths(
     source: str,
     sha256: str,
     gamma: float | None = None,
+    fringe: float = 0.0,
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
     doubts = [] if isinstance(walls, str) else [walls.doubt]
     if gamma is not None:
         doubts.append(f"The grey levels are taken to be the light to the power of 1/{gamma:g}, as stated (--gamma).")
+    if fringe > _FRINGE:
+        seen = f"A bright fringe, {fringe:.0%} as light as the edge is dark, surrounds the capsule."
+        doubts.append(f"{seen} Out of focus, edges may be off by more than their errors: focus, or use --edge-offset.")
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
