@@ -78,10 +78,7 @@ if TYPE_CHECKING:
 # true one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the
 # error may be at each membrane: over random functions whose variance is that of the log density, and which change over
 # the distance over which the model's own error does. The error of the mesh is among these where each state holds its
-# own; where a factor stands for it, all membranes have it alike, and it is not.
-#
-# Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (random surrogates,
-# and the posterior averaged over them)
+# own; where a factor stands for it, all membranes have it alike, and it is not
 
 FUNCTIONS = 256  # random functions over which posteriors are averaged
 
