@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -391,8 +391,9 @@ class MembraneSampling(Sampler):
     def found(self, points: Floats, near: Draws | None = None) -> Found:
         """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""
         start = None if near is None else _nearest(near, points)
-        tasks = []
-        for rows in self._parts(len(points)):
+        tasks, size = [], max(_AT_ONCE // len(self.capsules.batch), 1)
+        for first in range(0, len(points), size):
+            rows = slice(first, first + size)
             begin = None if start is None else Start(*(values[rows] for values in start))
             key = "membrane", self.fingerprint, points[rows]
             tasks.append(step_task(Found, key, partial(_found, points[rows], begin)))
@@ -408,10 +409,6 @@ class MembraneSampling(Sampler):
         return digest_of(
             __version__, model, capsules.batch, capsules.log_viscosity, priors, dict(unknowns.known), unknowns.spreads
         )
-
-    def _parts(self, count: int) -> Iterator[slice]:
-        size = max(_AT_ONCE // len(self.capsules.batch), 1)
-        yield from (slice(first, first + size) for first in range(0, count, size))
 
     def _first(self) -> Draws:
         """Return draws over the prior and about the modes."""
