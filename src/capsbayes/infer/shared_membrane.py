@@ -597,7 +597,15 @@ class SharedMembrane(Readable):
             "widths_over_prior": self.widths_over_prior(),
             "share_next_to_border": dict(self.leaning),
             "laws": [self._of_law(law) for law in self.laws],
-            "flows": self._of_flows(),
+            "flows": [
+                {
+                    "speed": float(np.median(self.speed[self.flow == number])),
+                    "capsules": int(np.sum(self.flow == number)),
+                    "misfit": float(np.sqrt(np.mean(self.misfit[self.flow == number] ** 2))),
+                    "surface_shear_modulus": marginal.as_dict(),
+                }
+                for number, marginal in enumerate(self.moduli_by_flow())
+            ],
             "capsules": [
                 {
                     "name": name,
@@ -626,18 +634,6 @@ class SharedMembrane(Readable):
             "surface_shear_modulus": Marginal.of_draws(law.draws["surface_shear_modulus"]).as_dict(),
             "by_flow": [marginal.as_dict() for marginal in self.moduli_by_flow(law.draws)],
         }
-
-    def _of_flows(self) -> list[dict[str, Any]]:
-        moduli = self.moduli_by_flow()
-        return [
-            {
-                "speed": float(np.median(self.speed[self.flow == number])),
-                "capsules": int(np.sum(self.flow == number)),
-                "misfit": float(np.sqrt(np.mean(self.misfit[self.flow == number] ** 2))),
-                "surface_shear_modulus": marginal.as_dict(),
-            }
-            for number, marginal in enumerate(moduli)
-        ]
 
     def dataset(self) -> xr.Dataset:
         """Return draws and summary as a dataset."""
