@@ -143,9 +143,7 @@ class Study(Readable):
         The sizes of the effects are those that the other half of the capsules tells; NaN where nothing was verified, or
         without outlines.
         """
-        if self.verification is None:
-            return float("nan"), float("nan")
-        return self.verification.gaps
+        return (np.nan, np.nan) if self.verification is None else self.verification.gaps
 
     @property
     def probabilities(self) -> Mapping[str, float]:
