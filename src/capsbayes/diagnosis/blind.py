@@ -32,6 +32,7 @@ from capsbayes.experiment import Experiment, capillary_number, capsule_radius, s
 from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise
 from capsbayes.model import Domain, Effect, ForwardModel, Theta
 from capsbayes.physics.build import SteadySimulator, build_database
+from capsbayes.physics.channel import cross_section_named
 from capsbayes.physics.membrane import GeneralisedHooke, HookeShare, Skalak, StrainHardening
 from capsbayes.physics.simulator import Simulator, UnsteadySimulator
 from capsbayes.prediction import Prediction
@@ -628,6 +629,10 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
     ca, size_ratio = float(shapes["capillary_number"][row]), float(shapes["size_ratio"][row])
     modulus = surface_shear_modulus(viscosity=lab.viscosity, mean_velocity=mean_velocity, capillary_number=ca)
     velocity = mean_velocity * float(shapes["velocity_ratio"][row])
+    known = shapes.settings
+    channel = cross_section_named(
+        known["cross_section"], known.get("corner_radius", 0.0), known.get("section_aspect", 1.0)
+    )
     return Capsule(
         capillary_number=ca,
         size_ratio=size_ratio,
@@ -635,16 +640,7 @@ def _capsule(shapes: Database, row: int, mean_velocity: float, lab: Lab) -> Caps
         capsule_radius=float(capsule_radius(size_ratio=size_ratio, half_width=lab.half_width)),
         capsule_velocity=velocity,
         velocity_seen=velocity,
-        flow_rate=mean_velocity * lab.half_width**2 * _area(shapes),
+        flow_rate=mean_velocity * lab.half_width**2 * channel.area,
         outline=with_extent(shapes["profile"][row], float(shapes["axial_extent"][row])),
         row=row,
     )
-
-
-def _area(shapes: Database) -> float:
-    """Return the area of the cross-section in which the shapes were simulated, over l^2."""
-    settings = shapes.settings
-    aspect, radius = (
-        float(settings.get(name, null)) for name, null in (("section_aspect", 1.0), ("corner_radius", 0.0))
-    )
-    return 4.0 * aspect - (4.0 - np.pi) * radius**2

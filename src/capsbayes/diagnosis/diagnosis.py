@@ -143,9 +143,7 @@ class Study(Readable):
         The sizes of the effects are those that the other half of the capsules tells; NaN where nothing was verified, or
         without outlines.
         """
-        if self.verification is None:
-            return float("nan"), float("nan")
-        return self.verification.gaps
+        return (np.nan, np.nan) if self.verification is None else self.verification.gaps
 
     @property
     def probabilities(self) -> Mapping[str, float]:
@@ -387,9 +385,7 @@ def _judged(made: Study, search: Search, report: _Progress) -> Study:
     if searched or not likely or verification.p_value > _HELD_OUT or not alone:
         something_else = something_else or searched or len(in_question) == 1
         return replace(made, verdict=Verdict.AMBIGUOUS, something_else=something_else)
-    extended = made.model
-    for scores in effects:
-        extended = extended + scores.effect
+    extended = verification.comparisons[1].model
     sizes = {scores.effect.parameter.name: scores.size for scores in effects}
     return replace(made, verdict=Verdict.NAMED, in_question=(odds.best,), model=extended, sizes=sizes)
 

@@ -587,10 +587,8 @@ class Posterior:
         }
         if self.inputs.viscous_tension or self.inputs.by_flow_rate:
             del pairs["capsule_velocity"]  # it is not used, or was not measured
-        if self.inputs.viscous_tension:
-            pairs["viscous_tension"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "N/m"
-        else:
-            pairs["viscosity"] = self.inputs.viscosity.value, self.inputs.viscosity.error, "Pa s"
+        liquid, unit = ("viscous_tension", "N/m") if self.inputs.viscous_tension else ("viscosity", "Pa s")
+        pairs[liquid] = self.inputs.viscosity.value, self.inputs.viscosity.error, unit
         return {
             **{name: dict(zip(("value", "error", "unit"), pair, strict=True)) for name, pair in pairs.items()},
             "length_correlation": seen.length_correlation,

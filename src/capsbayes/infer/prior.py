@@ -489,7 +489,14 @@ class Membrane:
         if not isinstance(self.law, str) or self.law.lower() not in known:
             raise InputError(self.source, "law", f"one of {', '.join(LAWS)}", repr(self.law))
         settle(self, law=known[self.law.lower()], **{name: self._read(name) for name in KEYS})
-        self._check()
+        for name in LAWS[self.law]:
+            if getattr(self, name) is not None:
+                raise InputError(self.source, name, f"nothing, as {self.law} states it", str(getattr(self, name)))
+        if self.hardening is not None and (self.law != "Skalak" or self.area_dilation_modulus is not None):
+            expected = "nothing but with the law Skalak, whose area_dilation_modulus K is 1 + 2 C then"
+            raise InputError(self.source, "hardening", expected, str(self.hardening))
+        if self.bending is not None and self.membrane_thickness is not None:
+            raise InputError(self.source, f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
 
     @classmethod
     def read(cls, path: str | Path) -> Membrane | None:
@@ -550,18 +557,6 @@ class Membrane:
             example = "0.6 +/- 0.2 um" if name == THICKNESS else "1.5 +/- 0.3"
             expected = f'a number, a text as "{example}", or "{UNKNOWN}"'
             raise InputError(self.source, name, expected, error.got, error.advice) from None
-
-    def _check(self) -> None:
-        """Refuse two statements of one number."""
-        of_law = LAWS[self.law]
-        for name in of_law:
-            if getattr(self, name) is not None:
-                raise InputError(self.source, name, f"nothing, as {self.law} states it", str(getattr(self, name)))
-        if self.hardening is not None and (self.law != "Skalak" or self.area_dilation_modulus is not None):
-            expected = "nothing but with the law Skalak, whose area_dilation_modulus K is 1 + 2 C then"
-            raise InputError(self.source, "hardening", expected, str(self.hardening))
-        if self.bending is not None and self.membrane_thickness is not None:
-            raise InputError(self.source, f"bending, {THICKNESS}", "one of the two, as B = (t/a)^2 / 3", "both")
 
     def _stated(self) -> dict[str, Quantity]:
         """Return what is known or uncertain, by the names of coordinates and that of the thickness."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -78,10 +78,7 @@ if TYPE_CHECKING:
 # true one looks better than it is, and the posterior is narrow about it. So the posterior is averaged over what the
 # error may be at each membrane: over random functions whose variance is that of the log density, and which change over
 # the distance over which the model's own error does. The error of the mesh is among these where each state holds its
-# own; where a factor stands for it, all membranes have it alike, and it is not.
-#
-# Lie, Sullivan, Teckentrup 2018, SIAM/ASA J. Uncertain. Quantif. 6, 1600, doi:10.1137/18M1166523 (random surrogates,
-# and the posterior averaged over them)
+# own; where a factor stands for it, all membranes have it alike, and it is not
 
 FUNCTIONS = 256  # random functions over which posteriors are averaged
 
@@ -394,8 +391,9 @@ class MembraneSampling(Sampler):
     def found(self, points: Floats, near: Draws | None = None) -> Found:
         """Find the capsules at points (d, p), each from those at the nearest of some draws if there are such."""
         start = None if near is None else _nearest(near, points)
-        tasks = []
-        for rows in self._parts(len(points)):
+        tasks, size = [], max(_AT_ONCE // len(self.capsules.batch), 1)
+        for first in range(0, len(points), size):
+            rows = slice(first, first + size)
             begin = None if start is None else Start(*(values[rows] for values in start))
             key = "membrane", self.fingerprint, points[rows]
             tasks.append(step_task(Found, key, partial(_found, points[rows], begin)))
@@ -411,10 +409,6 @@ class MembraneSampling(Sampler):
         return digest_of(
             __version__, model, capsules.batch, capsules.log_viscosity, priors, dict(unknowns.known), unknowns.spreads
         )
-
-    def _parts(self, count: int) -> Iterator[slice]:
-        size = max(_AT_ONCE // len(self.capsules.batch), 1)
-        yield from (slice(first, first + size) for first in range(0, count, size))
 
     def _first(self) -> Draws:
         """Return draws over the prior and about the modes."""
@@ -603,7 +597,15 @@ class SharedMembrane(Readable):
             "widths_over_prior": self.widths_over_prior(),
             "share_next_to_border": dict(self.leaning),
             "laws": [self._of_law(law) for law in self.laws],
-            "flows": self._of_flows(),
+            "flows": [
+                {
+                    "speed": float(np.median(self.speed[self.flow == number])),
+                    "capsules": int(np.sum(self.flow == number)),
+                    "misfit": float(np.sqrt(np.mean(self.misfit[self.flow == number] ** 2))),
+                    "surface_shear_modulus": marginal.as_dict(),
+                }
+                for number, marginal in enumerate(self.moduli_by_flow())
+            ],
             "capsules": [
                 {
                     "name": name,
@@ -632,18 +634,6 @@ class SharedMembrane(Readable):
             "surface_shear_modulus": Marginal.of_draws(law.draws["surface_shear_modulus"]).as_dict(),
             "by_flow": [marginal.as_dict() for marginal in self.moduli_by_flow(law.draws)],
         }
-
-    def _of_flows(self) -> list[dict[str, Any]]:
-        moduli = self.moduli_by_flow()
-        return [
-            {
-                "speed": float(np.median(self.speed[self.flow == number])),
-                "capsules": int(np.sum(self.flow == number)),
-                "misfit": float(np.sqrt(np.mean(self.misfit[self.flow == number] ** 2))),
-                "surface_shear_modulus": marginal.as_dict(),
-            }
-            for number, marginal in enumerate(moduli)
-        ]
 
     def dataset(self) -> xr.Dataset:
         """Return draws and summary as a dataset."""

@@ -15,7 +15,7 @@ from capsbayes.infer.density import PosteriorDensity
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import ExactEngine
 from capsbayes.infer.likelihood import NUDGE, border_steps, p_value, p_values_of_lengths
-from capsbayes.infer.prior import Prior
+from capsbayes.infer.prior import LIMITED, Prior
 from capsbayes.measurement import Measurement
 from capsbayes.model import TWO_SHAPES, UNSURE_SHAPES, WRINKLES, CoordinateRange, ForwardModel
 from capsbayes.parameters import PARAMETERS
@@ -126,10 +126,7 @@ def leanings(draws: Mapping[str, Floats], model: ForwardModel, prior: Prior) -> 
     shares = {"model": leaning(draws, place, model.domain.contains, tuple(model.coordinates))}
     drawn = {name: np.ravel(draws[name]) for name in (*place, *model.coordinates)}
     shares |= {kind: float(np.mean(concerned)) for kind, concerned in model.caveats(drawn).items()}
-    for name, limits in (
-        ("surface_shear_modulus", prior.surface_shear_modulus),
-        ("capsule_radius", prior.capsule_radius),
-    ):
+    for name, limits in zip(LIMITED, prior.both, strict=True):
         low, high = limits.low, limits.high
         shares[f"prior of {name}"] = leaning(draws, (name,), lambda x, a=low, b=high: (x >= a) & (x <= b))
     return shares | range_leanings(draws, model.coordinates, prior.uncertain)
@@ -144,7 +141,7 @@ def leanings_at_nodes(posterior: GridPosterior, prior: Prior) -> dict[str, float
     model = posterior.forward
     shares = {"model": leaning(place, tuple(place), model.domain.contains, weights=weights)}
     shares |= {kind: float(weights @ concerned) for kind, concerned in model.caveats(place).items()}
-    for name, limits in zip(("surface_shear_modulus", "capsule_radius"), prior.both, strict=True):
+    for name, limits in zip(LIMITED, prior.both, strict=True):
         found = posterior.distribution(name)
         near = NUDGE * np.sqrt(found.variance)
         below = found.below(np.log([limits.low, limits.high]) + np.array([near, -near]))

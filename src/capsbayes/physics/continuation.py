@@ -372,11 +372,7 @@ def parachute(problem: Problem, capillary_number: float, size_ratio: float) -> B
 @lru_cache(maxsize=64)
 def near_rest(problem: Problem, size_ratio: float) -> BranchEnd:
     """Find a steady state at a Ca so low that the capsule is hardly deformed."""
-
-    def smallest(problem: Problem) -> NewtonResult:
-        return steady_state(problem, problem.at_rest(*_REST))
-
-    return _grown(problem, smallest, size_ratio)
+    return _grown(problem, lambda meshed: steady_state(meshed, meshed.at_rest(*_REST)), size_ratio)
 
 
 @lru_cache(maxsize=64)

@@ -460,11 +460,9 @@ Way = Callable[[MembraneDatabase, Continuation, Floats], ScatteredState | None]
 
 def from_the_nearest(database: MembraneDatabase, continuation: Continuation, place: Floats) -> ScatteredState | None:
     """Return the state at a place, continued from those of a database next to it."""
-    for number in nearest_numbers(database, continuation, place)[:_STARTS]:
-        state = continuation.reached(state_of(database, continuation, number), place)
-        if state is not None:
-            return state
-    return None
+    nearest = nearest_numbers(database, continuation, place)[:_STARTS]
+    states = (continuation.reached(state_of(database, continuation, number), place) for number in nearest)
+    return next((state for state in states if state is not None), None)
 
 
 def further_states(

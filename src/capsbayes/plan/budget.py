@@ -173,9 +173,14 @@ def error_budget(posterior: Posterior, model: ForwardModel | None = None) -> Err
     every = shares[QUANTITIES[0]]
     first, last = ([name for name in names if name in every] for names in (_ORDER, (TOGETHER, REST)))
     names = [*first, *(name for name in every if name not in (*first, *last)), *last]
-    rows = tuple(_row(name, settings.get(name), shares, log_slopes_of.get(name, {}), centre) for name in names)
+    rows = []
+    for name in names:
+        share = {quantity: float(of[name]) for quantity, of in shares.items()}
+        setting, log_slope = settings.get(name), {q: float(s) for q, s in log_slopes_of.get(name, {}).items()}
+        slope = {} if setting is None else {q: s * centre[q] / setting.value for q, s in log_slope.items()}
+        rows.append(BudgetRow(name, setting, share, log_slope, slope))
     made = posterior.model_name, posterior.model_sha256, posterior.status
-    return ErrorBudget(rows, centre, sd, _notes(posterior), *made)
+    return ErrorBudget(tuple(rows), centre, sd, _notes(posterior), *made)
 
 
 def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]) -> dict[str, float]:
@@ -185,18 +190,6 @@ def _with_joint(grid: ExactPosterior, quantity: str, shares: Mapping[str, float]
     alone = sum(shares[coordinate.name] for coordinate in grid.density.coordinates)
     beyond = grid.variance_given_all(quantity) / grid.log_marginal(quantity).sd ** 2 - alone
     return {**shares, TOGETHER: beyond, REST: shares[REST] - beyond}
-
-
-def _row(
-    name: str,
-    setting: Quantity | None,
-    shares: Mapping[str, Mapping[str, float]],
-    log_slope: Mapping[str, float],
-    centre: Mapping[str, float],
-) -> BudgetRow:
-    share = {quantity: float(of[name]) for quantity, of in shares.items()}
-    slope = {} if setting is None else {q: float(s * centre[q] / setting.value) for q, s in log_slope.items()}
-    return BudgetRow(name, setting, share, {q: float(s) for q, s in log_slope.items()}, slope)
 
 
 def _notes(posterior: Posterior) -> tuple[str, ...]:

@@ -203,9 +203,8 @@ def _gather(u, v, nodes, radii, softening, near, weight, slope):  # type: ignore
 def _shape_functions(queries, nodes, radii, degree, softening, share, gradient):  # type: ignore[no-untyped-def]
     """Fill share (n, m) and gradient (2 or 0, n, m).
 
-    The shape function of node i at the query is w_i g . p_i with g = A^-1 e_0, A
-    the moment matrix sum w p p^T and p the monomials centred on the query; its
-    derivative along k is w_i g_k . p_i + d_k w_i g . p_i with
+    The shape function of node i at the query is w_i g . p_i with g = A^-1 e_0, A the moment matrix sum w p p^T and p
+    the monomials centred on the query; its derivative along k is w_i g_k . p_i + d_k w_i g . p_i with
     g_k = A^-1 (d_k p(0) - sum_j d_k w_j (g . p_j) p_j).
     """
     m, terms = len(nodes), (degree + 1) * (degree + 2) // 2
