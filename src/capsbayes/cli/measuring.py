@@ -198,11 +198,10 @@ def _detection_parts(detection: Detection, measured: cb.Measurement, experiment:
             "The noise shows that the picture was smoothed, by a filter or a compression: that adds "
             f"{detection.shift:.2f} px to the errors of all edges."
         )
-    if detection.middle > 0.0:
+    if detection.line > 0.0:
         yield (
-            "A line alone is seen of the membrane; its middle is taken for the edge, "
-            f"{detection.middle:.1f} px within its outer side. That the membrane may lie elsewhere in it is in the "
-            "errors, unless it is stated (--edge-offset)."
+            f"The membrane is seen as a line. The edge is taken {detection.inwards:.1f} px within its outer side; that "
+            "it may lie elsewhere in the line is in the errors, unless it is stated from the middle (--edge-offset)."
         )
     if experiment.camera is not None:
         words = "are taken out of L_z, L_a and L_p; perimeter, area, volume and Lambda are as seen."

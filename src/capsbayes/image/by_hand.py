@@ -71,8 +71,8 @@ class ByHand:
         ``"dark"`` or ``"bright"``, as capsule and walls are compared with the liquid; by default the picture tells it.
     edge_offset : Quantity, optional [px]
         How far outside the edge that is located the true one lies, with its standard error, as ``"0.12 +/- 0.05 px"``,
-        if it was measured, as by `capsbayes.image.edge_offset_of`; by default it is zero, with an error that grows with
-        blur and rings of light.
+        if it was measured, as by `capsbayes.image.edge_offset_of`; where the membrane is seen as a line, from the
+        middle of the line. By default it is zero, with an error that grows with blur and rings of light.
     rotate : text or int, optional [degree]
         90, 180 or 270: the picture is turned clockwise by so much before all else, and its background with it; the flow
         must run along the rows. All places are those of the turned picture.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import correlate1d, map_coordinates, maximum_filter1d, uniform_filter1d
@@ -57,7 +57,7 @@ _NOSE_MISFIT, _END_MISFIT = 0.039, 0.06
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was detected in a picture, in pixels."""
+    """What was detected in a picture, in pixels; outline, rear and integrals are as the camera saw them."""
 
     status: Status  # ``DONE``, or why nothing can be measured; what could not be located is then None
     walls: WallLines | None = None
@@ -69,7 +69,8 @@ class Detection:
     blob: Blob | None = None  # the dark blob that was analysed
     shift: float = 0.0  # [px]: standard error of all edges that follows from smoothing of the picture
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
-    middle: float = 0.0  # [px]: mean depth of the edge in the line of a membrane; 0 where the inside is dark
+    line: float = 0.0  # [px]: half the breadth of a membrane that is seen as a line or a thin shell, 0 where it is not
+    inwards: float = 0.0  # [px]: how far the edge is taken within the outer side of this line, in the mean
     fringe: float = 0.0  # light of a bright fringe outside the edge over the darkness at it; 0 if the offset is stated
     factors: Floats = field(default_factory=lambda: np.ones(2))  # L_z and L_a over those seen by the camera : (2,)
     further: Floats = field(default_factory=lambda: np.zeros((2, 2)))  # [px^2]: errors by the camera and if askew
@@ -212,17 +213,19 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    middle, share, fringe = np.zeros(len(outline.points)), 1.0, 0.0
+    inwards, half_breadth, fringe = np.zeros(len(outline.points)), 0.0, 0.0
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
         beyond, fringe = np.hypot(beyond, _OF_RING * edge.ring), edge.fringe
-        middle, share = edge.middle_of_line(light, outline, walls)
-        beyond = np.hypot(beyond, _IN_LINE * np.mean(middle))
-    offset, outwards = np.hypot(shift, beyond), -share * middle
-    if edge_offset is not None:  # it is stated from the middle of a line, or from the located edge
-        fringe, offset, outwards = 0.0, edge_offset.sd, edge_offset.mean - (middle if share == 1.0 else 0.0 * middle)
-    outline = replace(outline, points=outline.points + outwards[:, None] * outline.normals)
+        if (line := edge.line(light, outline, walls)) is not None:
+            half_breadth = line.half_breadth
+            beyond = np.hypot(beyond, _IN_LINE * half_breadth)
+            inwards = line.middle * (_HALFWAY if line.is_shell and edge_offset is None else 1.0)
+    offset, outwards = np.hypot(shift, beyond), 0.0
+    if edge_offset is not None:  # of a line it is stated from the middle
+        fringe, offset, outwards = 0.0, edge_offset.sd, edge_offset.mean
+    outline = replace(outline, points=outline.points + (outwards - inwards)[:, None] * outline.normals)
     found = Detection(
         Status.DONE,
         walls,
@@ -231,7 +234,8 @@ def analyse_blob(
         blob=blob,
         shift=shift,
         offset=float(np.hypot(EDGE_FLOOR, offset)),
-        middle=float(np.mean(middle)),
+        line=half_breadth,
+        inwards=float(np.mean(inwards)),
         fringe=fringe,
     )
     return _with_ends(light, noise, found)
@@ -253,14 +257,23 @@ _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are
 # may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end. What
 # is between, as a thin shell that is darkest along its tangents, has its edge between
 
-_IN_LINE = 0.5  # of the depth of its middle: standard error of the place of the membrane
+_IN_LINE = 0.5  # of half its breadth: standard error of the place of the membrane
 _LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
 _EVEN = 0.87  # least slope of its inner flank over that of the outer: of drawn lines 0.9 and more, of bands up to 0.7
-_UNEVEN, _PALE, _SEEN = 0.6, 0.45, 1.1  # the same, darkness inside over the most, and width [px], of a thin shell
-_HALFWAY = 0.45  # of the depth of the middle: edge of a thin shell
+_UNEVEN, _PALE, _SEEN = 0.6, 0.45, 1.1  # of a thin shell: least such slope, most darkness inside, and width in px
+_HALFWAY = 0.45  # of the depth of its middle: the edge of a thin shell
 _FAINT = 0.2  # of its darkness: at its inner end, and the least beyond that of the inside
 _DEEP, _BREADTH = 12, 0.3  # px, and of the half height: depths that are looked at
 _ALIKE = 9  # points over which the line is averaged
+_FINE = 300  # depths between which its breadth is read
+
+
+class _Line(NamedTuple):
+    """Line as which a membrane is seen."""
+
+    middle: Floats  # (n,) [px]: depth of its middle at each point of the outline
+    half_breadth: float  # [px]: where it is half as dark
+    is_shell: bool  # whether its inner flank is less steep, as of a thin shell
 
 
 @dataclass(frozen=True)
@@ -297,29 +310,31 @@ class _Edge:
         """Darkness outside the edge over that at it."""
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
-    def middle_of_line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> tuple[Floats, float]:
-        """Return the depth (n,) of the middle of a line, 0 where there is none, and that of the edge over it."""
-        none = np.zeros(len(outline.points)), 1.0
+    def line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Line | None:
+        """Return the line or the thin shell as which a membrane is seen; None where it is neither."""
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
         if half < _LARGE:
-            return none
+            return None
         depth = np.arange(-_INSIDE, max(_DEEP, round(_BREADTH * half)) + 1)
         dark = self.level - self._usual(light, outline, depth)
         top = int(np.argmax(dark))
         inside = max(float(dark[top:].min()), 0.0)
         end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
-        if dark[top] - inside < _FAINT * dark[top]:
-            return none
+        if dark[top] - inside < max(_FAINT * dark[top], 1e-6):
+            return None
         within, width = depth[: end + 1], median(outline.edge_width)
         own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
         slope = np.gradient(own[0])
-        even = -slope[top:].min() / slope[: top + 1].max()
-        if even < _UNEVEN or (even < _EVEN and (inside > _PALE * dark[top] or width > _SEEN)):
-            return none
+        outer, inner = slope[: top + 1].max(), -slope[top:].min()
+        is_line = inner >= _EVEN * outer
+        if not is_line and (inner < _UNEVEN * outer or inside > _PALE * dark[top] or width > _SEEN):
+            return None
+        fine = np.linspace(within[0], within[-1], _FINE)
+        above = np.interp(fine, within, own[0]) > 0.5 * own[0].max()
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
         _, middle = _line_and_middle(line, within, inside, width)
-        depths = np.where(self.kept, middle, median(middle[self.kept]))
-        return depths, 1.0 if even >= _EVEN else _HALFWAY
+        middle = np.where(self.kept, middle, median(middle[self.kept]))
+        return _Line(middle, 0.5 * float(np.mean(above) * np.ptp(within)), not is_line)
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
         """Return the median light at depths : (m,) array."""
@@ -433,7 +448,7 @@ def _bears_dirt(detection: Detection) -> bool:
     z, y = np.stack([(detection.flow or 1) * walls.along, walls.across]) @ (outline.points - detection.axis).T
     mirror = KDTree(np.stack([z, y], axis=1)).query(np.stack([z, -y], axis=1))[1]
     nose, rear = (end & (np.abs(y) < _OF_BREADTH * np.ptp(y)) for end in (z > z.max() - _OF_END, z < z.min() + _OF_END))
-    most = max(1.0 + detection.middle, _FEW / count, count / _MANY)
+    most = max(1.0 + detection.line, _FEW / count, count / _MANY)
     broad = detection.flow != 0 and count > _FEW  # a rear, or what is small, may be as bent as a broad bump
     for (deviation, reach, least, sure, near), end in (_SPECK, nose | rear), (_BROAD, nose & broad):
         weights = _weights_of_bump(deviation, reach)

@@ -217,7 +217,7 @@ def _sample(film: Film, by_hand: ByHand, *, given: bool) -> tuple[Picture, list[
         first, read[number] = first or picture, picture.packed().grey
     if first is None:
         raise InputError(str(film.source), "", "frames that can be read", "none")
-    beginning = list(read.values())[:_FIRST]
+    beginning = [grey for number, grey in read.items() if number < _FIRST]
     return first, beginning, beginning[:_TELLING] if early else [read[number] for number in read if number in spread]
 
 

@@ -370,6 +370,7 @@ class FilmCapsule:
             source=str(film),
             sha256=sha256,
             gamma=None if record.picture is None else record.picture.gamma,
+            fringe=record.detection.fringe,
         )
         return cls(status, record, speed, drifts, measured, alike)
 

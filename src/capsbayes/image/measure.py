@@ -84,11 +84,11 @@ class EdgeErrors:
         width = np.square(outline.edge_width[kept])
         arc = _ARC_SHARE * np.sqrt(np.mean(np.square(outline.arc_error[kept])))
         misfit = np.hypot(_MISFIT * np.sqrt(np.mean(np.square(width))), _OF_SHIFT * detection.shift)
-        misfit = np.hypot(misfit, _OF_LINE * detection.middle)
+        misfit = np.hypot(misfit, _OF_LINE * detection.line)
         facing = detection.flow * (outline.normals[kept] @ walls.along)
         nose, rear = (float(np.mean(width[side * facing > _FACING])) if detection.flow else 0.0 for side in (1, -1))
         band = float(np.sqrt(rear - nose)) if rear > _BAND * nose else 0.0
-        band = float(np.hypot(band, _OF_REAR * detection.middle))
+        band = float(np.hypot(band, _OF_REAR * detection.line))
         return cls(scatter_expected(outline), float(arc), float(misfit), detection.offset, band, outline.alike)
 
 
@@ -175,7 +175,10 @@ def detect(
     half_width: Given | None = None,
     camera: Camera | None = None,
 ) -> Detection:
-    """Find the walls, the capsule and its concave rear in a picture."""
+    """Find the walls, the capsule and its concave rear in a picture; lengths are without the faults of the camera.
+
+    A capsule that is not symmetric about the flow is refused (``LOPSIDED``, or ``DOUBLET`` where something juts out).
+    """
     direction = check_flow(flow)
     picture, background, by_hand = turned(picture, background, by_hand)
     if background is not None and background.shape != picture.shape:
@@ -419,8 +422,8 @@ def measurement_of_lengths(
     if gamma is not None:
         doubts.append(f"The grey levels are taken to be the light to the power of 1/{gamma:g}, as stated (--gamma).")
     if fringe > _FRINGE:
-        seen = f"A bright fringe, {fringe:.0%} as light as the edge is dark, surrounds the capsule."
-        doubts.append(f"{seen} Out of focus, edges may be off by more than their errors: focus, or use --edge-offset.")
+        seen = f"A fringe of the other sign, {100.0 * fringe:.0f} % as strong as the edge, surrounds the capsule."
+        doubts.append(f"{seen} If it is out of focus, its edges may be off by more than their errors say.")
     if not status.ok:
         return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]

@@ -285,8 +285,9 @@ def capsule_pictures(
     what = "picture of the capsule with what was found in it"
     # in a picture with stated walls, others would be found
     seen, name = (None, "") if known is None or measured.walls else (Picture.read(known), known.name)
-    given = capsule is not None
-    if seen is not None and (found := detect(seen)).status.ok and (given or _as_measured(found, measured)):
+    given, camera = capsule is not None, posterior.experiment.camera
+    found = None if seen is None else detect(seen, camera=camera)
+    if seen is not None and found is not None and found.status.ok and (given or _as_measured(found, measured)):
         laid = None if predicted is None else on_picture(predicted, found)
         drawn = png(overlay(seen, found, posterior.inputs.half_width.value, laid), widest=_WIDEST)
         caption = ": the measured edge" + ", and the predicted outline laid nose on nose" * (laid is not None)
