@@ -268,7 +268,7 @@ _ALIKE = 9  # points over which the line is averaged
 _FINE = 300  # depths between which its breadth is read
 
 
-class _Line(NamedTuple):
+class _MembraneLine(NamedTuple):
     """Line as which a membrane is seen."""
 
     middle: Floats  # (n,) [px]: depth of its middle at each point of the outline
@@ -310,7 +310,7 @@ class _Edge:
         """Darkness outside the edge over that at it."""
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
-    def line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Line | None:
+    def line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> _MembraneLine | None:
         """Return the line or the thin shell as which a membrane is seen; None where it is neither."""
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
         if half < _LARGE:
@@ -334,7 +334,7 @@ class _Edge:
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
         _, middle = _line_and_middle(line, within, inside, width)
         middle = np.where(self.kept, middle, median(middle[self.kept]))
-        return _Line(middle, 0.5 * float(np.mean(above) * np.ptp(within)), not is_line)
+        return _MembraneLine(middle, 0.5 * float(np.mean(above) * np.ptp(within)), not is_line)
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
         """Return the median light at depths : (m,) array."""
