@@ -39,7 +39,11 @@ def _wrong_prior(name: str, text: str) -> str | None:
 
 
 class AnswerStep:
-    """Identification, its result in words and on the overlay, and saving, which tells G_s and a to the function."""
+    """Identification, its result in words and on the overlay, and saving.
+
+    The function is called once a capsule was identified, and with its G_s and a, medians and standard deviations, once
+    it was saved.
+    """
 
     def __init__(self, desk: Desk, overlay: Overlay, grown: Callable[..., object]) -> None:
         self.desk, self._overlay, self._grown = desk, overlay, grown

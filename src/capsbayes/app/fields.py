@@ -96,7 +96,11 @@ def refusal(text: str, read: Callable[[str], object]) -> str | None:
 
 
 class QuantityField:
-    """A number, its error and its unit, first of several, as "25.0 +/- 0.2 um"; checked if its parameter is named."""
+    """A number, its standard error and its unit, which together are a text like "25.0 +/- 0.2 um".
+
+    The first of the units is there at the beginning; a ratio has none. With the name of its parameter it is checked
+    when it is left.
+    """
 
     def __init__(
         self,

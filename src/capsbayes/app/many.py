@@ -68,7 +68,11 @@ class _File:
 
 
 class ManyStep:
-    """Upload of many files, their statuses and measurement; functions get what was measured, or shall be identified."""
+    """Upload of many files, a list of them with a status each, and their measurement.
+
+    The first function is called after each file that was measured, the second with the folder of a capsule that shall
+    be identified; the fields are those of step 3.
+    """
 
     def __init__(
         self,
@@ -241,7 +245,10 @@ class ManyStep:
 
 
 class PopulationStep:
-    """Step seven: all capsules, commands over their folder, the next flow rate, and what the model misses."""
+    """Step seven: a list of all capsules, commands over their folder, the next flow rate, and what the model misses.
+
+    The function is called with the folder of a capsule that shall be identified.
+    """
 
     def __init__(self, desk: Desk, chosen: Callable[[Path], Awaitable[None]]) -> None:
         self.desk, self._chosen = desk, chosen

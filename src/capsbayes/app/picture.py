@@ -33,7 +33,11 @@ _COLOURS = {"wall": "walls", "edge": "edge", "rear": "concave rear", "predicted"
 
 
 class PictureStep:
-    """Upload of a picture, the overlay, and what may be stated by hand; one function is called once it is measured."""
+    """Upload of a picture, the overlay, and what may be stated by hand.
+
+    The first function is called after each measurement, with True if the capsule can be identified, the second with
+    what is stated of the example.
+    """
 
     def __init__(
         self, desk: Desk, changed: Callable[[bool], object], fill: Callable[[Mapping[str, str]], object]

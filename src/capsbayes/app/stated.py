@@ -30,7 +30,11 @@ _LONGEST = 60  # letters of a name
 
 @dataclass(unsafe_hash=True)
 class Stated:
-    """What is stated of one capsule, files by their names in its folder; a text that is empty is not stated."""
+    """What is stated of one capsule; a text that is empty is not stated. Most are options of ``capsbayes identify``.
+
+    `picture` and `background` are names of files in the capsule's folder; `measured` is that of a measurement, in place
+    of a picture that is to be measured.
+    """
 
     picture: str = ""
     background: str = ""

@@ -44,7 +44,10 @@ class WorkFailedError(CapsbayesError):
 
 
 class Worker:
-    """One process that computes ``TASKS`` of its module one by one, after ``warm``; replaced where it was ended."""
+    """One process that computes one task after the other; a new one takes the place of one that was ended.
+
+    Its module has the functions ``TASKS`` by their names, and ``warm``, which is called first.
+    """
 
     def __init__(self, module: str) -> None:
         self._module = module

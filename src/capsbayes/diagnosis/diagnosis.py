@@ -385,9 +385,9 @@ def _judged(made: Study, search: Search, report: _Progress) -> Study:
     if searched or not likely or verification.p_value > _HELD_OUT or not alone:
         something_else = something_else or searched or len(in_question) == 1
         return replace(made, verdict=Verdict.AMBIGUOUS, something_else=something_else)
-    extended = verification.comparisons[1].model
+    _, after = verification.comparisons
     sizes = {scores.effect.parameter.name: scores.size for scores in effects}
-    return replace(made, verdict=Verdict.NAMED, in_question=(odds.best,), model=extended, sizes=sizes)
+    return replace(made, verdict=Verdict.NAMED, in_question=(odds.best,), model=after.model, sizes=sizes)
 
 
 def _another_shows(explanations: Mapping[Names, Explanation], best: Names) -> bool:

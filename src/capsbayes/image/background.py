@@ -323,16 +323,21 @@ def find_blobs(
     darkest = dark[between & (dark >= 2.0 * least)]
     share, squares = _DARKEST_PIXELS
     rank = round(min(share * np.count_nonzero(between), squares * walls.half_width**2)) + 1
-    smallest, blobs = _SMALLEST_AREA * walls.half_width**2, list[Blob]()
-    for number in (rank, round(smallest)):  # the darkest pixels may all be those of a particle in a capsule
-        if len(darkest) < number or any(blob.area >= smallest for blob in blobs):
-            break
+    if len(darkest) < rank:
+        return []
+
+    def half_as_dark(number: int) -> list[Blob]:
         level = 0.5 * float(np.partition(darkest, -number)[-number])
         mask = ((dark > level) & between).astype(np.uint8)
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), dtype=np.uint8))
-        pieces = _pieces(np.asarray(closed, dtype=np.uint8))
-        if number == rank or any(piece.area >= smallest for piece in pieces):
-            blobs = [piece for piece in pieces if piece.area > _SPECK * walls.half_width**2]
+        return _pieces(np.asarray(closed, dtype=np.uint8))
+
+    pieces, smallest = half_as_dark(rank), _SMALLEST_AREA * walls.half_width**2
+    if len(darkest) >= round(smallest) and all(piece.area < smallest for piece in pieces):
+        fainter = half_as_dark(round(smallest))  # the darkest pixels may all be those of a particle in a capsule
+        if any(piece.area >= smallest for piece in fainter):
+            pieces = fainter
+    blobs = [piece for piece in pieces if piece.area > _SPECK * walls.half_width**2]
     if erased is not None:
         blobs = [left for blob in blobs if (left := _erased(blob, erased)) is not None]
     blobs.sort(key=lambda blob: float(blob.middle[0]))

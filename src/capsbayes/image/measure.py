@@ -418,14 +418,14 @@ def measurement_of_lengths(
 ) -> Measurement:
     """Return the measurement that follows from lengths in pixels, refused unless the status is ``DONE``."""
     file = Path(experiment.source) if experiment.source else None
+    if not status.ok:
+        return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     doubts = [] if isinstance(walls, str) else [walls.doubt]
     if gamma is not None:
         doubts.append(f"The grey levels are taken to be the light to the power of 1/{gamma:g}, as stated (--gamma).")
     if fringe > _FRINGE:
         seen = f"A fringe of the other sign, {100.0 * fringe:.0f} % as strong as the edge, surrounds the capsule."
         doubts.append(f"{seen} If it is out of focus, its edges may be off by more than their errors say.")
-    if not status.ok:
-        return Measurement.refused(status, source=source, sha256=sha256, experiment_file=file)
     scale, relative_error = 1.0 / lengths[3], np.sqrt(covariance[3, 3]) / lengths[3]
     known = [0, 1] if covariance[1, 1] < lengths[1] ** 2 < np.inf else [0]  # an error beyond its value tells nothing
     scaled = lengths[known] * scale

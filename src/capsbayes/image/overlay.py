@@ -179,7 +179,8 @@ def _lengths(canvas: _Canvas, detection: Detection, nose: float) -> None:
     if (line := detection.rear_line()) is not None:
         canvas.line(list(line), REAR, breadth=canvas.scale)
     drawn = ("z", EXTENT, 6.0, -1), ("a", LENGTH, 0.0, 1)
-    for (name, colour, aside, side), length, factor in zip(drawn, detection.lengths, detection.factors, strict=False):
+    lengths = zip(drawn, detection.lengths[:2], detection.factors, strict=True)
+    for (name, colour, aside, side), length, factor in lengths:
         if np.isfinite(length):
             stop = tip - aside * walls.across
             start = stop - length / factor * downstream
