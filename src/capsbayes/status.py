@@ -60,7 +60,7 @@ class Status(enum.Enum):
     BROKEN_MASK = "The mask of the event falls into several pieces."
     TOO_CLOSE = "Something else lies so close to the capsule that its edge could not be located."
     TOUCHES_BORDER = "The capsule touches the border of the picture."
-    NO_EDGE = "The edge of the capsule could not be located; the picture is too blurred or too faint."
+    NO_EDGE = "The edge of the capsule could not be located all around; it is too blurred or too faint."
     WRONG_FLOW = (
         "The shape of the capsule shows a flow in another direction than given, or than its frames do in their order."
     )

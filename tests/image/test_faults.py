@@ -99,6 +99,21 @@ def test_a_speck_on_either_end_is_refused(scenes, side):
     assert set(statuses) == {Status.DOUBLET}
 
 
+@pytest.mark.parametrize("end", [1, -1])
+def test_a_body_whose_rim_is_too_faint_is_not_taken_for_two(scenes, end):
+    """Of a body without a membrane the rim of a concave rear absorbs hardly any light."""
+    _, _, empty = scenes[0]
+    rows, columns = empty.shape
+    circle, middle = np.zeros(empty.shape, np.uint8), (columns // 2, rows // 2)
+    cv2.circle(circle, middle, 45, 255, -1, cv2.LINE_AA)
+    cv2.ellipse(circle, (middle[0] + 45 * end, middle[1]), (25, 36), 0.0, 0.0, 360.0, 0, -1, cv2.LINE_AA)
+    light = 1.0 - 0.3 * cv2.GaussianBlur(circle / 255.0, (0, 0), 0.8)
+    assert detect(Picture.from_array(empty * light), background=Picture.from_array(empty)).status is Status.NO_EDGE
+    cv2.ellipse(circle, (middle[0] - 45 * end, middle[1]), (25, 36), 0.0, 0.0, 360.0, 0, -1, cv2.LINE_AA)
+    light = 1.0 - 0.3 * cv2.GaussianBlur(circle / 255.0, (0, 0), 0.8)
+    assert detect(Picture.from_array(empty * light), background=Picture.from_array(empty)).status is Status.DOUBLET
+
+
 def test_the_rims_of_a_rear_are_not_taken_for_dirt():
     """Those of a capsule, in its plane, stick out from a smooth curve by 2 px on either side."""
     cases, seen = Database.open("square-neo-hookean").converged, []
@@ -410,9 +425,16 @@ def test_walls_that_bend_or_open_are_not_taken_for_rough_ones(scenes):
                 assert find_walls(np.stack(moved, axis=1)) is None
 
 
-def test_a_bright_fringe_around_the_edge_is_told(scenes):
+def test_a_bright_fringe_as_narrow_as_the_edge_widens_the_error_and_is_told(scenes):
+    """A halo that falls off smoothly, as of scattered light, moves no edge."""
     for view, picture, empty in scenes[:3]:
-        bright, channel = photograph(replace(view, looks=replace(view.looks, halo=0.2)), Camera(), seed=1)
-        for shown, before, told in ((picture, empty, False), (bright, channel, True)):
+        errors = []
+        for width, told in ((0.0, False), (4.0, False), (1.2, True)):
+            shown, before = picture, empty
+            if width:
+                looks = replace(view.looks, halo=0.4, halo_width=width)
+                shown, before = photograph(replace(view, looks=looks), Camera(), seed=1)
             found = measure(shown, EXPERIMENT, capsule_velocity="6 +/- 0.1 mm/s", background=before)
             assert ("A fringe" in found.doubt) is told
+            errors.append(found.axial_extent_error)
+        assert errors[1] < 2.0 * errors[0] < 0.5 * errors[2]

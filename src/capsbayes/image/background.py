@@ -289,6 +289,7 @@ CONTRAST, FAINTEST = 0.03, 0.015  # of the light: fainter blobs are ignored; whe
 _SIGNIFICANCE = 5.0  # of the contrast over the noise of a smoothed pixel
 _BORDER = 3  # px: nearer to the border of the picture the outline cannot be located
 _NOTCH = 1.5, 0.1  # px, and of the radius of a circle of the same area: concave rears leave up to 0.07
+_RIM, _CENTRAL = 0.5, 0.3  # of the breadth: least opening of a rear; of it, how far off its middle it is deepest
 _CLEARANCE = 12.0  # px that an edge needs on its outside to be located
 _DARKEST_PIXELS = 0.01, 0.1  # of the pixels between the walls, of l^2: half as dark as these is the level of a blob
 _BY_WALL = 0.5  # of the half width from the axis: a capsule that leaves the picture is nearer to it
@@ -402,21 +403,31 @@ def _status(blob: Blob, blobs: list[Blob], shape: tuple[int, ...], half_width: f
         return Status.TOUCHES_BORDER
     if blob.area < _SMALLEST_AREA * half_width**2:
         return Status.DEBRIS
-    if notch(blob.polygon) > max(_NOTCH[0], _NOTCH[1] * np.sqrt(blob.area / np.pi)):
-        return Status.DOUBLET
+    deep = _hollows(blob.polygon, max(_NOTCH[0], _NOTCH[1] * np.sqrt(blob.area / np.pi)))
+    if len(deep):
+        is_rear = len(deep) == 1 and _is_rear(*deep[0], float(np.ptp(blob.polygon[:, 1])))
+        return Status.NO_EDGE if is_rear else Status.DOUBLET
     low, high = blob.polygon.min(axis=0) - _CLEARANCE, blob.polygon.max(axis=0) + _CLEARANCE
     others = (other.polygon for other in blobs if other is not blob)
     close = any(np.any(np.all((polygon > low) & (polygon < high), axis=1)) for polygon in others)
     return Status.TOO_CLOSE if close else Status.DONE
 
 
-def notch(polygon: Floats) -> float:
-    """Return the depth of the deepest hollow of an outline below its convex hull [px]."""
+def _is_rear(first: Floats, last: Floats, deepest: Floats, breadth: float) -> bool:
+    """Return whether a hollow between two points is that of a concave rear, whose rim is too faint, and not of dirt."""
+    along, across = np.abs(last - first)
+    aside = abs(2.0 * deepest[1] - first[1] - last[1])
+    return bool(across > max(_RIM * breadth, along) and aside < _CENTRAL * across)
+
+
+def _hollows(polygon: Floats, deeper: float) -> Floats:
+    """Return first, last and deepest point of the hollows of an outline deeper than so many px : (n, 3, 2) array."""
     corners = np.rint(polygon).astype(np.int32)[:, None]
     hull = cv2.convexHull(corners, returnPoints=False)
     hull[::-1].sort(axis=0)  # where a contour passes a pixel twice, OpenCV needs the hull in one sense
     defects = cv2.convexityDefects(corners, hull)
-    return 0.0 if defects is None else float(defects.reshape(-1, 4)[:, 3].max()) / 256.0
+    defects = np.zeros((0, 4), dtype=int) if defects is None else defects.reshape(-1, 4)
+    return np.asarray(polygon[defects[defects[:, 3] > 256.0 * deeper, :3]])
 
 
 # Whether a picture of the empty channel belongs to that of a capsule: its light, its place, and that it is empty

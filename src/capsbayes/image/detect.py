@@ -71,7 +71,7 @@ class Detection:
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
     line: float = 0.0  # [px]: half the breadth of a membrane that is seen as a line or a thin shell, 0 where it is not
     inwards: float = 0.0  # [px]: how far the edge is taken within the outer side of this line, in the mean
-    fringe: float = 0.0  # light of a bright fringe outside the edge over the darkness at it; 0 if the offset is stated
+    fringe: float = 0.0  # light of a narrow fringe outside the edge over the darkness at it; 0 if the offset is stated
     factors: Floats = field(default_factory=lambda: np.ones(2))  # L_z and L_a over those seen by the camera : (2,)
     further: Floats = field(default_factory=lambda: np.zeros((2, 2)))  # [px^2]: errors by the camera and if askew
     silhouette: MeasuredOutline | None = None  # over l, without the faults of the camera
@@ -217,7 +217,7 @@ def analyse_blob(
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
-        beyond, fringe = np.hypot(beyond, _OF_RING * edge.ring), edge.fringe
+        beyond, fringe = np.hypot(beyond, edge.diffraction), edge.fringe
         if (line := edge.line(light, outline, walls)) is not None:
             half_breadth = line.half_breadth
             beyond = np.hypot(beyond, _IN_LINE * half_breadth)
@@ -241,11 +241,15 @@ def analyse_blob(
     return _with_ends(light, noise, found)
 
 
-# The error that all edges share, by their width and the dark ring outside them. Both were set on drawn pictures with
-# rings of wavelengths from 4 to 7 px in halos of up to a quarter of the light; where these are blurred, none is seen
+# The error that all edges share, by their width, the dark ring and the bright fringe outside them. Width and ring were
+# set on drawn pictures with rings of wavelengths from 4 to 7 px in halos of up to a quarter of the light; where these
+# are blurred, none is seen. The fringe was set on pictures as a microscope makes them: light that is bent at the edge
+# is bright next to it, and moves it. A halo that falls off smoothly, as of scattered light, moves nothing
 
 _OF_WIDTH = 0.056  # 1/px: of the square of the edge's width
 _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
+_OF_FRINGE = 10.0  # of the edge's width, and of the light of the fringe over that darkness
+_HALO = 2.0  # largest factor by which a halo falls over 2.5 widths of the edge
 _RING = 2.5, 9, 11  # of the edge's width, from which it is sought; px, up to which, and up to which the light is level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
@@ -255,13 +259,16 @@ _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are
 
 # A membrane that is seen as a line: both flanks are steep, and what is darker inside begins at its middle. The membrane
 # may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end. What
-# is between, as a thin shell that is darkest along its tangents, has its edge between
+# is between, as a thin shell that is darkest along its tangents, has its edge between. Where the inside is dark, a
+# narrow band cannot be told from such a shell: its edge stays, with the depth of its middle in the error
 
 _IN_LINE = 0.5  # of half its breadth: standard error of the place of the membrane
 _LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
 _EVEN = 0.87  # least slope of its inner flank over that of the outer: of drawn lines 0.9 and more, of bands up to 0.7
 _UNEVEN, _PALE, _SEEN = 0.6, 0.45, 1.1  # of a thin shell: least such slope, most darkness inside, and width in px
 _HALFWAY = 0.45  # of the depth of its middle: the edge of a thin shell
+_MAYBE = 0.68  # least such slope where it may be a shell; of drawn bands up to 0.57
+_OF_REAR = 0.9  # of the blur: error of the rear of such a membrane, whose dark band ends at it as that of an edge does
 _FAINT = 0.2  # of its darkness: at its inner end, and the least beyond that of the inside
 _DEEP, _BREADTH = 12, 0.3  # px, and of the half height: depths that are looked at
 _ALIKE = 9  # points over which the line is averaged
@@ -271,9 +278,9 @@ _FINE = 300  # depths between which its breadth is read
 class _MembraneLine(NamedTuple):
     """Line as which a membrane is seen."""
 
-    middle: Floats  # (n,) [px]: depth of its middle at each point of the outline
-    half_breadth: float  # [px]: where it is half as dark
-    is_shell: bool  # whether its inner flank is less steep, as of a thin shell
+    middle: Floats  # (n,) [px]: depth of its middle at each point of the outline; 0 where it is only perhaps a shell
+    half_breadth: float  # [px]: where it is half as dark; the depth of its middle where it is only perhaps a shell
+    is_shell: bool = False  # whether its inner flank is less steep, as of a thin shell
 
 
 @dataclass(frozen=True)
@@ -284,8 +291,8 @@ class _Edge:
     level: float  # light outside
     full: float  # light of most of the channel
     darkest: float  # darkness at the edge, beyond that outside
-    ring: float  # depth of the dark ring outside over this darkness
-    fringe: float  # height of the bright fringe outside over it
+    diffraction: float  # [px]: error of all edges that ring and fringe outside tell
+    fringe: float  # light of the narrow fringe outside over the darkness at the edge
 
     @classmethod
     def of(cls, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Edge | None:
@@ -295,15 +302,18 @@ class _Edge:
         kept = clear & outline.located
         if np.count_nonzero(kept) < _FEWEST_NORMALS:
             return None
-        along = np.arange(-_INSIDE, last + 1)
+        along, width = np.arange(-_INSIDE, last + 1), median(outline.edge_width)
         profile = _across(light, outline, along)[kept].mean(axis=0)
         level = float(profile[along >= beyond].mean())
-        ring = level - profile[along >= first * median(outline.edge_width)].min()
         darkest = max(level - float(profile.min()), 1e-6)
+        outside = (profile[_INSIDE:] - level) / darkest  # a pixel apart, from the edge on
+        ring = max(-float(outside[first * width <= along[_INSIDE:]].min()), 0.0)
+        peak = int(np.argmax(outside[: beyond + 1]))
+        of_halo = max(float(np.interp(peak + first * width, along[_INSIDE:], outside)), 0.0)
+        fringe = max(float(outside[peak]) - _HALO * of_halo, 0.0)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
-        fringe = float(profile[along >= 0].max()) - level
-        return cls(kept, level, full, darkest, max(float(ring), 0.0) / darkest, fringe / darkest)
+        return cls(kept, level, full, darkest, math.hypot(_OF_RING * ring, _OF_FRINGE * width * fringe), fringe)
 
     @property
     def dark_outside(self) -> float:
@@ -311,7 +321,7 @@ class _Edge:
         return (self.full - self.level) / (abs(self.full - self.level) + self.darkest)
 
     def line(self, light: Floats, outline: EdgeOutline, walls: WallLines) -> _MembraneLine | None:
-        """Return the line or the thin shell as which a membrane is seen; None where it is neither."""
+        """Return the line or the thin shell as which a membrane is seen, if only perhaps; None where it is neither."""
         half = 0.5 * float(np.ptp(outline.points @ walls.across))
         if half < _LARGE:
             return None
@@ -320,15 +330,15 @@ class _Edge:
         top = int(np.argmax(dark))
         inside = max(float(dark[top:].min()), 0.0)
         end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
-        if dark[top] - inside < max(_FAINT * dark[top], 1e-6):
-            return None
         within, width = depth[: end + 1], median(outline.edge_width)
         own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
         slope = np.gradient(own[0])
         outer, inner = slope[: top + 1].max(), -slope[top:].min()
-        is_line = inner >= _EVEN * outer
-        if not is_line and (inner < _UNEVEN * outer or inside > _PALE * dark[top] or width > _SEEN):
-            return None
+        is_seen, is_narrow = dark[top] - inside >= _FAINT * dark[top], width <= _SEEN
+        is_line = is_seen and inner >= _EVEN * outer
+        if not is_line and not (is_seen and is_narrow and inner >= _UNEVEN * outer and inside <= _PALE * dark[top]):
+            is_band = is_seen and inner < _MAYBE * outer
+            return None if is_band or not is_narrow else _MembraneLine(0.0 * outline.edge_width, max(middle[0], 0.0))
         fine = np.linspace(within[0], within[-1], _FINE)
         above = np.interp(fine, within, own[0]) > 0.5 * own[0].max()
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
@@ -481,4 +491,4 @@ def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     flank = np.abs(outline.normals @ walls.across) > 0.8
     blur = median(outline.edge_width[flank] if flank.any() else outline.edge_width)
     rear = find_rear(light, start, downstream, length, half_height, blur, noise)
-    return replace(detection, rear=rear)
+    return replace(detection, rear=rear and rear.uncertain_by(_OF_REAR * blur if detection.line > 0.0 else 0.0))

@@ -401,6 +401,11 @@ class RearBand:
     curvature: float  # [1/px]: second derivative of the depth across the axis
     breadth: float  # [px]: distance from the axis up to which it was followed
 
+    def uncertain_by(self, further: float) -> RearBand:
+        """Return the same with a further error that is the same in all pictures of a capsule [px]."""
+        error, systematic = math.hypot(self.depth_error, further), self.systematic + further**2
+        return replace(self, depth_error=error, systematic=systematic)
+
 
 def find_rear(
     light: Floats, end: Floats, inwards: Floats, length: float, half_height: float, blur: float, noise: float
