@@ -405,7 +405,7 @@ def _status(blob: Blob, blobs: list[Blob], shape: tuple[int, ...], half_width: f
         return Status.DEBRIS
     deep = _hollows(blob.polygon, max(_NOTCH[0], _NOTCH[1] * np.sqrt(blob.area / np.pi)))
     if len(deep):
-        is_rear = len(deep) == 1 and _is_rear(*deep[0], float(np.ptp(blob.polygon[:, 1])))
+        is_rear = len(deep) == 1 and _is_rear(deep[0], float(np.ptp(blob.polygon[:, 1])))
         return Status.NO_EDGE if is_rear else Status.DOUBLET
     low, high = blob.polygon.min(axis=0) - _CLEARANCE, blob.polygon.max(axis=0) + _CLEARANCE
     others = (other.polygon for other in blobs if other is not blob)
@@ -413,8 +413,9 @@ def _status(blob: Blob, blobs: list[Blob], shape: tuple[int, ...], half_width: f
     return Status.TOO_CLOSE if close else Status.DONE
 
 
-def _is_rear(first: Floats, last: Floats, deepest: Floats, breadth: float) -> bool:
-    """Return whether a hollow between two points is that of a concave rear, whose rim is too faint, and not of dirt."""
+def _is_rear(hollow: Floats, breadth: float) -> bool:
+    """Return whether a hollow (3, 2) is that of a concave rear, whose rim is too faint, and not of dirt."""
+    first, last, deepest = hollow
     along, across = np.abs(last - first)
     aside = abs(2.0 * deepest[1] - first[1] - last[1])
     return bool(across > max(_RIM * breadth, along) and aside < _CENTRAL * across)
