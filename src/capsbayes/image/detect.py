@@ -334,11 +334,12 @@ class _Edge:
         own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
         slope = np.gradient(own[0])
         outer, inner = slope[: top + 1].max(), -slope[top:].min()
-        is_seen, is_narrow = dark[top] - inside >= _FAINT * dark[top], width <= _SEEN
+        is_seen, is_sharp = dark[top] - inside >= _FAINT * dark[top], width <= _SEEN
         is_line = is_seen and inner >= _EVEN * outer
-        if not is_line and not (is_seen and is_narrow and inner >= _UNEVEN * outer and inside <= _PALE * dark[top]):
-            is_band = is_seen and inner < _MAYBE * outer
-            return None if is_band or not is_narrow else _MembraneLine(0.0 * outline.edge_width, max(middle[0], 0.0))
+        is_shell = is_seen and is_sharp and inner >= _UNEVEN * outer and inside <= _PALE * dark[top]
+        if not (is_line or is_shell):
+            may_be_shell = is_sharp and (not is_seen or inner >= _MAYBE * outer)
+            return _MembraneLine(np.zeros(len(self.kept)), max(float(middle[0]), 0.0)) if may_be_shell else None
         fine = np.linspace(within[0], within[-1], _FINE)
         above = np.interp(fine, within, own[0]) > 0.5 * own[0].max()
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
