@@ -9,57 +9,45 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from capsbayes.arrays import Booleans, Floats, Integers
+from capsbayes.arrays import Floats, Integers
 from capsbayes.database import Database
 from capsbayes.errors import InputError
 from capsbayes.least_squares import Linearised, minimise
 from capsbayes.profile import Profile
 
-# Inversion of a map of the plane: the points at which a forward map gives wanted values, for a batch at once
+# Inversion of a map of the plane: the point at which a forward map gives wanted values
 
-Forward = Callable[[Floats, Integers], tuple[Floats, Floats]]
+Forward = Callable[[Floats], tuple[Floats, Floats]]
+"""From points (k, 2) to values (k, 2) and gradients (k, 2, 2), NaN where they are not defined."""
 
 _UNIT = 1e-5  # of the values, which count as standard error
 _EXACT = 1e-10
 _LONGEST, _STEPS = 2.0, 60
 
 
-@dataclass(frozen=True, eq=False)
-class Inversion:
-    """Solutions of n problems."""
+def solve(forward: Forward, wanted: Floats, starts: Floats) -> Floats:
+    """Return the point (2,) at which a map gives values (2,), else the nearest one; NaN where it is not defined.
 
-    points: Floats  # (n, 2): NaN where no starting point lies within the map
-    misfit: Floats  # (n,): largest absolute difference from the wanted values; infinite without a point
-    exact: Booleans  # (n,): whether the values are reached to roundoff
-
-
-def solve(forward: Forward, wanted: Floats, starts: Floats) -> Inversion:
-    """Invert a map of the plane for a batch; where no point gives the values (n, 2) exactly, find the nearest.
-
-    >>> def forward(x, rows):
+    >>> def forward(x):
     ...     slope = np.stack([np.stack([2 * x[:, 0], 0 * x[:, 0]], 1), np.ones_like(x)], 1)
     ...     return np.stack([x[:, 0] ** 2, x[:, 0] + x[:, 1]], 1), slope
-    >>> solve(forward, np.array([[4.0, 5.0], [9.0, 1.0]]), np.ones((1, 2, 2))).points.round(9).tolist()
-    [[2.0, 3.0], [3.0, -2.0]]
+    >>> solve(forward, np.array([4.0, 5.0]), np.ones((1, 2))).round(9).tolist()
+    [2.0, 3.0]
     """
-    # `forward` maps points (k, 2) and the rows (k,) of their problems to values (k, 2) and gradients (k, 2, 2), NaN
-    # where it is not defined. Of `starts` (s, n, 2), the best first, the next is tried where the last led to no exact
-    # solution.
+    # Of `starts` (s, 2), the best first, the next is tried where the last led to no exact solution.
 
     def evaluate(points: Floats, rows: Integers) -> Linearised:
-        values, gradients = forward(points, rows)
-        return Linearised(points, (values - wanted[rows]) / _UNIT, gradients / _UNIT)
+        del rows
+        values, gradients = forward(points)
+        return Linearised(points, (values - wanted) / _UNIT, gradients / _UNIT)
 
-    nowhere = np.full(wanted.shape, np.nan)
-    nearest = Linearised(nowhere, nowhere.copy(), np.full((*wanted.shape, 2), np.nan))
-    misfit = np.full(len(wanted), np.inf)
-    for start in np.asarray(starts, dtype=np.float64):
-        rows = np.flatnonzero(misfit >= _EXACT)
-        if not len(rows):
+    only = np.zeros(1, dtype=int)
+    nearest = Linearised(*(np.full(shape, np.nan) for shape in ((1, 2), (1, 2), (1, 2, 2))))
+    for start in starts[:, None]:
+        nearest.take_better(only, minimise(evaluate, evaluate(start, only), only, _LONGEST, _STEPS))
+        if _UNIT * np.abs(nearest.residuals).max() < _EXACT:
             break
-        nearest.take_better(rows, minimise(evaluate, evaluate(start[rows], rows), rows, _LONGEST, _STEPS))
-        misfit = np.nan_to_num(_UNIT * np.abs(nearest.residuals).max(axis=1), nan=np.inf)
-    return Inversion(nearest.points, misfit, misfit < _EXACT)
+    return nearest.points[0]
 
 
 # Inverse procedure of the paper: from (L_z, L_a) to (Ca, a/l), v_o/U and a contour, by diffuse approximation.

@@ -760,12 +760,11 @@ def _searched(rest: DiffuseApproximation, lengths: Floats) -> Floats:
     distance = (rotated(rest.values[:, :2]) - rotated(lengths)) ** 2 @ np.array(DISTANCE_WEIGHTS)
     starts = rest.nodes[np.argsort(distance, kind="stable")[:STARTS]]
 
-    def forward(points: Floats, rows: Integers) -> tuple[Floats, Floats]:
-        del rows
+    def forward(points: Floats) -> tuple[Floats, Floats]:
         values, gradients = rest.with_gradient(points)
         return values[:, :2], gradients[:, :2]
 
-    return solve(forward, lengths[None], starts[:, None]).points[0]
+    return solve(forward, lengths, starts)
 
 
 def even_subset(database: Database, count: int = PAPER_CASES) -> Database:
