@@ -648,7 +648,7 @@ class Unknowns:
         """Return those of coordinates with their priors, of which a thickness may be known, beside known ones."""
         each = tuple(coordinates)
         free = tuple(one for one in each if not one.distribution.known)
-        thickness = {key_of(one): one.distribution.value for one in each if one.distribution.known}
+        thickness = {one.key: one.distribution.value for one in each if one.distribution.known}
         return cls(free, {**known, **thickness}, spreads)
 
     def fixed(self, values: Mapping[str, float]) -> Unknowns:
@@ -687,7 +687,7 @@ class Unknowns:
     def membranes(self, points: Floats) -> dict[str, Floats]:
         """Return the coordinates of the model at points (d, p), by name : (d,) arrays; thickness for bending."""
         shares = ndtr(points[:, : self.scores])
-        found = {key_of(one): one.values(share) for one, share in zip(self.coordinates, shares.T, strict=True)}
+        found = {one.key: one.values(share) for one, share in zip(self.coordinates, shares.T, strict=True)}
         return found | {name: np.full(len(points), value) for name, value in self.known.items()}
 
     def spreads_at(self, points: Floats) -> Spreads:
@@ -704,8 +704,3 @@ class Unknowns:
             share = np.exp(log_spread) / widest
             logs = logs + 0.5 * np.log(2.0 / np.pi) - np.log(widest) + log_spread - 0.5 * share**2
         return np.asarray(logs)
-
-
-def key_of(coordinate: Coordinate) -> str:
-    """Return the name of what a coordinate's distribution is of."""
-    return THICKNESS if coordinate.by_thickness else coordinate.name

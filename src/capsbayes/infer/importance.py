@@ -280,7 +280,7 @@ class ImportanceSampling:
         stated = (prior or Prior()).with_thickness(experiment)
         self.coordinates = Coordinate.all_of(model, stated)
         check_thickness(self.coordinates, experiment, model.domain)
-        known = {THICKNESS if each.by_thickness else each.name: each.distribution for each in self.coordinates}
+        known = {each.key: each.distribution for each in self.coordinates}
         self.prior = replace(stated, coordinates=known)
         self.inputs = Inputs.of_experiment(experiment)
 

@@ -115,10 +115,7 @@ class Predictive:
         density, draws = self._density, self._flat
         width = draws["half_width"] if density.shape_depends_on_half_width else None
         place = self._points, np.log(draws["capillary_number"]), draws["size_ratio"], width
-        of_prior = [
-            coordinate.log_density(draws[THICKNESS if coordinate.by_thickness else coordinate.name])
-            for coordinate in density.coordinates
-        ]
+        of_prior = [coordinate.log_density(draws[coordinate.key]) for coordinate in density.coordinates]
         return np.asarray(density.log_of_nodes(*place) + np.sum(of_prior, axis=0))
 
     @cached_property

@@ -380,6 +380,11 @@ class Coordinate:
             raise InputError("prior", name, expected, f"one with {made.covered:.0%} of its mass there")
         return made
 
+    @property
+    def key(self) -> str:
+        """Name of what the distribution is of."""
+        return THICKNESS if self.by_thickness else self.name
+
     @cached_property
     def covered(self) -> float:
         """Probability of the range under the distribution."""

@@ -37,7 +37,6 @@ from capsbayes.infer.conditional import (
     Start,
     Unknowns,
     batch_of,
-    key_of,
 )
 from capsbayes.infer.identify import check_applies
 from capsbayes.infer.log_grid import LogGrid
@@ -745,7 +744,7 @@ def identify_membrane(
         results = _under_each(under, capsules, experiment, seed, scheduler, workers, progress)
     sampled, draws = results[0]
     gates = (*sampled.gates, _misfit_gate(batch, draws["misfit"]))
-    prior_of_each = {key_of(one): one.distribution for one in unknowns.coordinates}
+    prior_of_each = {one.key: one.distribution for one in unknowns.coordinates}
     speeds = np.where(np.isnan(batch.log_mean_velocity), batch.log_velocity, batch.log_mean_velocity)
     return SharedMembrane(
         draws=draws,

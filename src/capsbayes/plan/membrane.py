@@ -16,7 +16,7 @@ from capsbayes.arguments import checked
 from capsbayes.arrays import Floats, Integers
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, bending, imposed_velocity
-from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, ShapeModel, Start, Unknowns, key_of
+from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, ShapeModel, Start, Unknowns
 from capsbayes.infer.prior import THICKNESS, Membrane, Prior
 from capsbayes.infer.shared_membrane import ONE_CAPSULE, capsules_of, step_of_all, unknowns_of
 from capsbayes.membrane_database import lowest_ca
@@ -373,7 +373,7 @@ def expected_scores(unknowns: Unknowns, guess: Membrane | None, model: MembraneS
     # A parameter that is not guessed has the middle of its prior; one at an end of its prior is taken just within.
     guessed, left = (guess or Membrane()).applied(model, Prior())
     values = dict(guessed.values) if isinstance(guessed, FixedParameters) else {}
-    unknown = {key_of(coordinate): coordinate for coordinate in unknowns.coordinates}
+    unknown = {coordinate.key: coordinate for coordinate in unknowns.coordinates}
     for name in (*left.coordinates, *values):
         if name in left.coordinates or name not in unknown:
             expected = f"a number for one of {', '.join(unknown)}" if unknown else "none, as the membrane is known"

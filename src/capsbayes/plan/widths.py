@@ -11,7 +11,7 @@ from scipy.special import ndtri
 from capsbayes.arrays import Floats
 from capsbayes.errors import InputError
 from capsbayes.experiment import Experiment, imposed_velocity
-from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Start, Unknowns, key_of
+from capsbayes.infer.conditional import COMMON, MODULUS, SIZE, Capsules, Start, Unknowns
 from capsbayes.infer.grid import ExactPosterior, GridPosterior
 from capsbayes.infer.importance import exact_engine
 from capsbayes.infer.prior import Prior
@@ -248,7 +248,7 @@ class ExpectedMembrane:
         return float(np.sqrt(np.mean(np.var(logs, axis=0))))
 
     def _columns(self, *names: str) -> list[int]:
-        return [COMMON + k for k, coordinate in enumerate(self.unknowns.coordinates) if key_of(coordinate) in names]
+        return [COMMON + k for k, coordinate in enumerate(self.unknowns.coordinates) if coordinate.key in names]
 
 
 def prior_widths(unknowns: Unknowns) -> dict[str, float]:
@@ -262,5 +262,5 @@ def prior_widths(unknowns: Unknowns) -> dict[str, float]:
 def shown_parameters(unknowns: Unknowns, points: Floats) -> dict[str, Floats]:
     """Return the unknown parameters at points (d, p) as widths of them are stated : (d,) arrays by name."""
     membranes = unknowns.membranes(points)
-    names = map(key_of, unknowns.coordinates)
+    names = (coordinate.key for coordinate in unknowns.coordinates)
     return {name: np.log(membranes[name]) if name in LOGARITHMIC else membranes[name] for name in names}
