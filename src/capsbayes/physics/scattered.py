@@ -281,7 +281,7 @@ def _lost_ones_again(
     again = []
     for near, place in zip([known[number] for number in nearest], places[lost], strict=True):
         name = f"again-{digest_of(place, near.place)[:24]}"
-        again.append(partial(_from_near, continuation, store, name, near, place))
+        again.append(partial(kept_state, store, name, partial(continuation.reached, near, place)))
     reached = dict(zip(lost, run_tasks(again, scheduler, workers), strict=True))
     return [reached.get(number, state) for number, state in enumerate(states)]
 
@@ -295,16 +295,10 @@ def _grown(
     for number in from_near_to_far(root.place, places):
         place = places[number]
         near = min(states, key=lambda state: float(np.linalg.norm(state.place - place)))
-        state = found[number] = _from_near(continuation, store, _name(place), near, place)
+        state = found[number] = kept_state(store, _name(place), partial(continuation.reached, near, place))
         if state is not None:
             states.append(state)
     return found
-
-
-def _from_near(
-    continuation: Continuation, store: Store, name: str, near: ScatteredState, place: Floats
-) -> ScatteredState | None:
-    return kept_state(store, name, lambda: continuation.reached(near, place))
 
 
 def from_near_to_far(root: Floats, places: Floats) -> Iterator[int]:

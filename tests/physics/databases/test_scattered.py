@@ -103,7 +103,7 @@ def test_a_place_that_was_not_reached_is_tried_again_from_the_nearest_state(
     assert len(refused) == 1
     np.testing.assert_allclose(found[5].unknowns, states[5].unknowns, atol=1e-5)
     assert _reached(copy) == sorted(tuple(place) for place in PLACES)
-    monkeypatch.setattr(Continuation, "reached", None)  # all is kept
+    monkeypatch.setattr(Continuation, "reached", lambda *_: pytest.fail("all is kept"))
     again = scattered_states(CONTINUATION, start, PLACES, folder=copy, **HERE)
     np.testing.assert_array_equal(again[5].unknowns, found[5].unknowns)
 
