@@ -570,18 +570,19 @@ def remembered(function: Callable[P, T]) -> Callable[P, T]:
     return find
 
 
-def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
-    """Compute a step, or find its result of this type by the content of a key while `steps_kept`."""
+def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
+    """Compute a step from what it shares, or find its result of this type by a key while `steps_kept`."""
+    # The content of the key decides the result.
     store = _current.get()
     if store is None:
-        return compute()
+        return compute(*shared)
     name = digest_of(key)[:24]
     kept = store.load(name)
     if kept is not None:
         found: T = _built(kind, kept, "result")
         return found
     begin = time.monotonic()
-    computed = compute()
+    computed = compute(*shared)
     if time.monotonic() - begin > _SHORT:
         with contextlib.suppress(InputError):  # on a full disk the part goes on; its own end is what fails
             store.save(name, dict(_flat(computed, "result")))
@@ -590,16 +591,12 @@ def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[[], T]) -> T:
 
 def step_task(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T]) -> Callable[..., T]:
     """Return `step_of` as a task for `run_tasks`: wherever it runs, it keeps its result where this process would."""
-    return keeping_steps(functools.partial(_step, kind, key, compute))
+    return keeping_steps(functools.partial(step_of, kind, key, compute))
 
 
 def keeping_steps(task: Callable[..., T]) -> Callable[..., T]:
     """Return a task for `run_tasks` that keeps the results of its own steps where this process would."""
     return functools.partial(_with_store, _current.get(), task)
-
-
-def _step(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
-    return step_of(kind, key, functools.partial(compute, *shared))
 
 
 def _with_store(store: Store | None, task: Callable[..., T], *shared: Any) -> T:

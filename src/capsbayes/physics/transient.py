@@ -83,7 +83,7 @@ def transient(
 
 
 def _rate(motion: FreeMotion, free: Floats) -> Rate:
-    return step_of(Rate, ("rate", motion.problem, motion.start, free), lambda: motion.rate(free))
+    return step_of(Rate, ("rate", motion.problem, motion.start, free), motion.rate, free)
 
 
 def _factor(error: float, tolerance: float) -> float:
@@ -120,7 +120,7 @@ class _Rosenbrock:
             self.reference, self.jacobian = free, None
         reference = self.reference
         key = "Rosenbrock", self.motion.problem, start, reference, free, length
-        return step_of(_Change, key, lambda: self._computed(reference, free, rate, length))
+        return step_of(_Change, key, self._computed, reference, free, rate, length)
 
     def _computed(self, reference: Floats, free: Floats, rate: Rate, length: float) -> _Change:
         mesh = self.motion.problem.mesh

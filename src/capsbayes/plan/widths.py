@@ -75,7 +75,7 @@ class WidthPredictor:
         """Predict the width at one point of a model of (Ca, a/l) alone; all NaN outside the model's domain."""
         lab = self.model, self.experiment, self.errors, self.engine.prior, self.modulus, self.lattice
         place = capillary_number, size_ratio
-        return step_of(Width, ("width", *lab, *place), lambda: self._at(*place))
+        return step_of(Width, ("width", *lab, *place), self._at, *place)
 
     def mean_velocity(self, capillary_number: float) -> float:
         """Return U [m/s] of a capsule of the expected G_s."""
