@@ -201,13 +201,11 @@ class Search:
         """Try every other effect together with the likeliest, and every other in its place next to the best of them."""
         first = next(iter(trials))
         found = self._with(trials[first], trials)
+        pairs = {(first, name): pair for name, pair in found.items()}
         if found:
             second = max(found, key=lambda name: found[name].log_evidence)
             alternatives = self._with(trials[second], {name: trials[name] for name in trials if name != first})
-            pairs = {(first, name): pair for name, pair in found.items()}
             pairs |= {(name, second): pair.turned for name, pair in alternatives.items()}
-        else:
-            pairs = {}
         return {names: (pair, self._explanation(pair.log_evidence, pair.fits)) for names, pair in pairs.items()}
 
     def _with(self, known: Trial, trials: Mapping[str, Trial]) -> dict[str, Pair]:
