@@ -23,7 +23,6 @@ from capsbayes.infer import Membrane, Posterior, Prior
 from capsbayes.infer.identify import identify, with_other_laws
 from capsbayes.infer.outline import band
 from capsbayes.measurement import Measurement
-from capsbayes.model import ForwardModel
 from capsbayes.quantity import Quantity, uncertain
 from capsbayes.report import posterior as texts
 from capsbayes.report.files import posterior_files
@@ -32,7 +31,7 @@ from capsbayes.report.page import picture as figure_html
 from capsbayes.report.posterior_figures import SHOWN, corner_of_few, densities_figure, density_figure, on_picture
 from capsbayes.report.tables import html_table, typeset
 from capsbayes.report.write import POSTERIOR, opened, write_report
-from capsbayes.surrogate import MembraneSurrogate, Surrogate
+from capsbayes.surrogate.open import model_named
 
 
 class _Answer(NamedTuple):
@@ -114,7 +113,8 @@ def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     if not measurement.status.ok:
         raise InputError(stated.picture, "", "a capsule that can be measured", page_words(measurement.status))
     membrane = Membrane(stated.membrane) if stated.membrane else None
-    model = _opened(experiment.cross_section, measurement.view, known=membrane is None)
+    law = "neo-hookean" if membrane is None else "membrane"
+    model = _opened(f"{experiment.cross_section}-{law}", measurement.view)
     prior = Prior().with_texts(stated.priors())
     posterior = identify(
         measurement, model, experiment, engine=stated.engine, seed=SEED, prior=prior, membrane=membrane
@@ -124,12 +124,7 @@ def _answer(folder: str, asked: tuple[Any, ...]) -> _Answer:
     return _Answer(seen, measurement, posterior)
 
 
-@functools.lru_cache(maxsize=4)
-def _opened(cross_section: str, view: str, *, known: bool) -> ForwardModel:
-    """Return the model of neo-Hookean membranes, or that over all membranes, as the command ``identify`` does."""
-    if known:
-        return Surrogate.open(f"{cross_section}-neo-hookean", view=view)
-    return MembraneSurrogate.open(cross_section, view=view)
+_opened = functools.lru_cache(maxsize=4)(model_named)
 
 
 def _speeds(stated: Stated, experiment: Experiment) -> tuple[Quantity | None, Quantity | None]:
@@ -153,7 +148,7 @@ def warm() -> None:
     with contextlib.suppress(CapsbayesError):
         seen = Picture.read(EXAMPLE_PICTURE)
         measurement = measurement_of(detect(seen), seen, experiment, *_speeds(stated, experiment))
-        model = _opened("square", measurement.view, known=True)
+        model = _opened("square-neo-hookean", measurement.view)
         with_other_laws(identify(measurement, model, experiment, engine="quadrature", seed=SEED))
 
 
