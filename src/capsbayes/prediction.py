@@ -8,8 +8,9 @@ import numpy as np
 
 from capsbayes.arrays import Booleans, Floats
 
-NUMBERS = ("axial_extent", "axial_length", "velocity_ratio", "stretch_ratio")
-"""Names of the numbers of a prediction, of which the first three have a covariance."""
+ERRING = ("axial_extent", "axial_length", "velocity_ratio")
+NUMBERS = (*ERRING, "stretch_ratio")
+"""Names of the numbers of a prediction, and of those that have a covariance."""
 
 
 @dataclass(frozen=True, eq=False)

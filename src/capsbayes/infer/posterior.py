@@ -25,6 +25,7 @@ from capsbayes.infer.prior import LIMITED, THICKNESS, Inputs, Marginal, Prior
 from capsbayes.measurement import MeasuredOutline, Measurement, OutlineNoise, Pose
 from capsbayes.model import ForwardModel, name_parts
 from capsbayes.parameters import PARAMETERS
+from capsbayes.prediction import ERRING
 from capsbayes.quantity import Quantity, json_number
 from capsbayes.readable import as_html
 from capsbayes.status import Status
@@ -269,9 +270,6 @@ def _experiment(table: Mapping[str, Any]) -> Experiment:
 
 # What the simulator says at draws of a posterior, next to what the model says there
 
-DIFFERENCES = ("axial_extent", "axial_length", "velocity_ratio")
-"""Quantities whose differences are kept, in their order."""
-
 
 @dataclass(frozen=True, eq=False)
 class Resimulation:
@@ -280,7 +278,7 @@ class Resimulation:
     refinement: int  # of the mesh
     lost: int  # draws at which the simulator found no steady state
     before: Marginal  # of G_s by the model alone
-    differences: Floats  # (n, 3): of `DIFFERENCES`
+    differences: Floats  # (n, 3): of those in `ERRING`
     stated: Floats  # (n, 3): standard errors that the model states there
     outlines: Floats  # (n, p) [l]: normal distances of the simulated outlines from the predicted ones
     outlines_stated: Floats  # (n, p) [l]: standard errors that the model states there
@@ -292,7 +290,7 @@ class Resimulation:
     def compared(self) -> dict[str, tuple[Floats, Floats]]:
         """Differences and stated errors by name, of the outline as ``"outline"``."""
         pairs = zip(self.differences.T, self.stated.T, strict=True)
-        return {**dict(zip(DIFFERENCES, pairs, strict=True)), "outline": (self.outlines, self.outlines_stated)}
+        return {**dict(zip(ERRING, pairs, strict=True)), "outline": (self.outlines, self.outlines_stated)}
 
     def moved(self, modulus: Marginal) -> float:
         """Return the relative change of the median of G_s by the correction."""

@@ -60,6 +60,7 @@ from capsbayes.infer.verdict import range_leanings
 from capsbayes.measurement import Measurement
 from capsbayes.measurement_sets import check_comparable
 from capsbayes.model import FixedParameters
+from capsbayes.prediction import ERRING
 from capsbayes.quantity import Quantity
 from capsbayes.readable import Readable
 from capsbayes.run import digest_of, keeping_steps, run_tasks, step_task
@@ -482,8 +483,7 @@ def _nearest(draws: Draws, points: Floats) -> Start:
 # The membrane of a batch: its posterior, the capsules, and the odds of known laws
 
 EACH = ("surface_shear_modulus", "surface_dilation_modulus", "capsule_radius", "capillary_number", "pre_inflation")
-PREDICTED = ("axial_extent", "axial_length", "velocity_ratio")
-"""Quantities of each capsule, and what is predicted of it: their draws are named with ``_each``."""
+"""Quantities of each capsule: their draws, and those of what is predicted of it, are named with ``_each``."""
 
 _POPULATION = (
     *("surface_shear_modulus", "surface_dilation_modulus", "modulus_spread"),
@@ -512,7 +512,7 @@ class SharedMembrane(Readable):
     draws : mapping of arrays
         The parameters of the membrane by name, ``surface_shear_modulus``, ``surface_dilation_modulus`` and
         ``capsule_radius``, means of the population (of ln G_s, ln K_s and a) in SI, ``modulus_spread`` and
-        ``radius_spread``, relative : (d,) arrays; and for n capsules each of `EACH` and `PREDICTED` with ``_each`` :
+        ``radius_spread``, relative : (d,) arrays; and for n capsules each of `EACH` and `ERRING` with ``_each`` :
         (d, n) arrays. If the pre-inflation varies, that of the membrane is its median, and ``inflation_spread`` and
         ``pre_inflation_each`` are there too.
     names : tuple of str
@@ -897,7 +897,7 @@ def _seen(capsules: Capsules, membranes: Mapping[str, Floats], own: Floats) -> d
     """Return Ca of the capsules, and what is predicted of them : (d, n) arrays."""
     theta = capsules.model.theta(membranes, own)
     predicted = capsules.model.model(theta)
-    flat = {name: getattr(predicted, name) for name in PREDICTED} | {"capillary_number": theta["capillary_number"]}
+    flat = {name: getattr(predicted, name) for name in ERRING} | {"capillary_number": theta["capillary_number"]}
     return {f"{name}_each": values.reshape(own.shape[:2]) for name, values in flat.items()}
 
 

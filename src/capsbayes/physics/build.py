@@ -35,7 +35,7 @@ from capsbayes.files.output_file import check_replaceable, guarded
 from capsbayes.interruption import keeping, raise_interruption
 from capsbayes.physics.continuation import SHALLOW
 from capsbayes.physics.load import changed, parameters_of
-from capsbayes.prediction import NUMBERS
+from capsbayes.prediction import ERRING
 from capsbayes.run import Store, only_run, progress_bar, run_tasks, steps_kept
 from capsbayes.status import Status
 
@@ -205,11 +205,11 @@ def mesh_error(refinement: int, coarse: Sequence[CaseOutcome], fine: Sequence[Ca
     """Return relative differences from a finer mesh as JSON: rms over the cases of each quantity, and every case's."""
     rows = [
         {"capillary_number": ours.capillary_number, "size_ratio": ours.size_ratio}
-        | {name: ours.variables[name] / finer.variables[name] - 1 for name in NUMBERS[:3]}
+        | {name: ours.variables[name] / finer.variables[name] - 1 for name in ERRING}
         for ours, finer in zip(coarse, fine, strict=True)
         if finer.done
     ]
-    squares = {name: np.mean([row[name] ** 2 for row in rows]) if rows else np.nan for name in NUMBERS[:3]}
+    squares = {name: np.mean([row[name] ** 2 for row in rows]) if rows else np.nan for name in ERRING}
     summary = {name: float(np.sqrt(value)) for name, value in squares.items()}
     return json.dumps(summary | {"refinement": refinement, "cases": rows}, sort_keys=True)
 

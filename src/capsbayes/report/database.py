@@ -23,6 +23,7 @@ from capsbayes.arrays import Booleans, Floats, Integers
 from capsbayes.database import LIMIT_OF_DATABASE, LIMIT_OF_EXISTENCE, LOST_FROM_REST, NO_EFFECT, SNAP_THROUGH, Database
 from capsbayes.errors import DatabaseError
 from capsbayes.parameters import PARAMETERS
+from capsbayes.prediction import ERRING
 from capsbayes.report import style
 from capsbayes.report.page import page
 from capsbayes.report.population import status_table
@@ -48,7 +49,6 @@ _BORDER_STYLES: dict[str, dict[str, Any]] = {
     SNAP_THROUGH: {"color": ACCENT, "linewidth": 1.8},
     LOST_FROM_REST: {"color": ACCENT, "linestyle": "none", "marker": "x", "markersize": 5.5},
 }
-_CHANGED = ("axial_extent", "axial_length", "velocity_ratio")
 _COLUMNS, _ROWS = 6, 5  # of the table of shapes: Ca and a/l
 _OUTSIDE = 1.14  # outer face of the walls, over l
 _POINTS = (150, 100)  # of a surface, along sqrt(Ca) and a/l
@@ -79,7 +79,7 @@ def contents_table(database: Database) -> pd.DataFrame:
         effect = database.effect.replace("_", " ") + (f", {known.meaning}" if known else "")
         effect += f": {values}; absent at {database.null_value:g}"
     errors = json.loads(attributes.get("mesh_error", "{}"))
-    names = [name for name in _CHANGED if name in errors]
+    names = [name for name in ERRING if name in errors]
     mesh_error = ", ".join(f"{PARAMETERS[name].symbol} {100.0 * errors[name]:.2g} %" for name in names)
     rows = [
         ("law of the membrane", str(attributes["law"])),
@@ -381,22 +381,22 @@ def _draw_cell(ax: Axes, database: Database, in_cell: Booleans, heading_ca: floa
 
 
 def changes(database: Database, value: float) -> pd.DataFrame:
-    """Return Ca, a/l and the relative changes of `_CHANGED` by an effect, of cases that its null value has too."""
+    """Return Ca, a/l and the relative changes of `ERRING` by an effect, of cases that its null value has too."""
     case = ["capillary_number", "size_ratio"]
     changed, null = (
-        pd.DataFrame({name: cases[name] for name in (*case, *_CHANGED)})
+        pd.DataFrame({name: cases[name] for name in (*case, *ERRING)})
         for cases in (database.at_value(each).converged for each in (value, database.null_value))
     )
     both = changed.merge(null, on=case, suffixes=("", "_null"))
-    return both[case].assign(**{name: both[name] / both[f"{name}_null"] - 1.0 for name in _CHANGED})
+    return both[case].assign(**{name: both[name] / both[f"{name}_null"] - 1.0 for name in ERRING})
 
 
 def changes_figure(database: Database) -> Figure:
     """Draw the changes of L_z, L_a and v_o/U by an effect, a row for each value, a scale for each quantity."""
     changed = {value: changes(database, value) for value in database.values if value != database.null_value}
     figure = style.new_figure(9.6, 1.9 + 2.3 * len(changed))
-    axes = figure.subplots(len(changed), len(_CHANGED), squeeze=False, sharex=True, sharey=True)
-    for column, name in zip(axes.T, _CHANGED, strict=True):
+    axes = figure.subplots(len(changed), len(ERRING), squeeze=False, sharex=True, sharey=True)
+    for column, name in zip(axes.T, ERRING, strict=True):
         largest = 100.0 * max(np.max(np.abs(cases[name].to_numpy()), initial=1e-6) for cases in changed.values())
         look: dict[str, Any] = {"vmin": -largest, "vmax": largest, "cmap": "PuOr", "s": 26, "edgecolors": _FAINT}
         for ax, cases in zip(column, changed.values(), strict=True):

@@ -22,10 +22,11 @@ from capsbayes.image.measure import detect
 from capsbayes.image.overlay import overlay, png, png_of
 from capsbayes.infer import Marginal, Posterior
 from capsbayes.infer.outline import aligned_with, band
-from capsbayes.infer.posterior import DIFFERENCES, Resimulation
+from capsbayes.infer.posterior import Resimulation
 from capsbayes.infer.tension import membrane_tension
 from capsbayes.measurement import MID_PLANE, SILHOUETTE, Measurement
 from capsbayes.parameters import PARAMETERS, Parameter
+from capsbayes.prediction import ERRING
 from capsbayes.report import posterior as texts
 from capsbayes.report import style
 from capsbayes.report.numbers import two_digits, unit_of, value_words
@@ -243,7 +244,7 @@ def resimulation_figure(seen: Resimulation, *, width: float = 7.4) -> Figure:
         numbers.fill_between([place - 0.4, place + 0.4], -reach, reach, color=FILL, linewidth=0)
         numbers.plot(place + np.linspace(-0.25, 0.25, len(column)), 1e3 * column, ".", color=INK, markersize=4)
         numbers.hlines(1e3 * column.mean(), place - 0.4, place + 0.4, colors=ACCENT, linewidth=1.6)
-    numbers.set_xticks(range(len(DIFFERENCES)), [f"${style.without_l(name)}$" for name in DIFFERENCES])
+    numbers.set_xticks(range(len(ERRING)), [f"${style.without_l(name)}$" for name in ERRING])
     for ax in (framed(along), framed(numbers)):
         ax.axhline(0.0, color=WALL, linewidth=0.8, zorder=0.5)
     style.legend_below(figure, along, 3)

@@ -21,7 +21,7 @@ from capsbayes.database import LIMIT_OF_EXISTENCE, LOST_FROM_REST, SNAP_THROUGH,
 from capsbayes.errors import DatabaseError, InputError
 from capsbayes.measurement import MID_PLANE, SILHOUETTE, check_view
 from capsbayes.model import TWO_SHAPES, UNSURE, UNSURE_SHAPES, WRINKLES, Domain, ForwardModel
-from capsbayes.prediction import NUMBERS, Prediction
+from capsbayes.prediction import ERRING, NUMBERS, Prediction
 from capsbayes.profile import vertex_normals
 from capsbayes.surrogate.diffuse import (
     DiffuseApproximation,
@@ -306,7 +306,7 @@ def mesh_error_of(attributes: Mapping[Any, Any]) -> Floats:
     if stated is None:
         return np.zeros(3)
     errors = json.loads(stated)
-    return np.array([float(errors[name]) for name in NUMBERS[:3]])
+    return np.array([float(errors[name]) for name in ERRING])
 
 
 # Points of the plane where the shape of a database need not be that of every capsule
