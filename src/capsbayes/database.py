@@ -121,7 +121,8 @@ class StoredStates:
             If the file is missing, cut short, lacks a variable or was changed.
         """
         dataset = read_dataset(path)
-        present = cls._under_present_names(dataset)
+        present = dataset.copy()
+        present.attrs = _renamed(dataset.attrs)
         cls._check(present, str(path))
         check_content(dataset, path)
         return cls(present)
@@ -166,10 +167,6 @@ class StoredStates:
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return np.asarray(self.dataset[name].values)
-
-    @staticmethod
-    def _under_present_names(dataset: xr.Dataset) -> xr.Dataset:
-        return dataset
 
     @staticmethod
     def _check(dataset: xr.Dataset, where: str) -> None:
@@ -288,12 +285,6 @@ class Database(StoredStates):
         single = {name: slim[name].astype(np.float32).astype(np.float64) for name in ("profile", "silhouette")}
         slim = slim.assign(single)
         return Database(slim.assign_attrs(sha256=content_hash(slim)))
-
-    @staticmethod
-    def _under_present_names(dataset: xr.Dataset) -> xr.Dataset:
-        present = dataset.copy()
-        present.attrs = _renamed(dataset.attrs)
-        return present
 
     @staticmethod
     def _check(dataset: xr.Dataset, where: str) -> None:
