@@ -555,9 +555,8 @@ class Membrane:
         given = getattr(self, name)
         if given is None or given == UNKNOWN:
             return None
-        units = (PARAMETERS[name].si,)
         try:
-            return Quantity.of(given, name, where=self.source, units=units, signed=name != THICKNESS)
+            return Quantity.of(given, name, where=self.source, signed=name != THICKNESS)
         except InputError as error:
             example = "0.6 +/- 0.2 um" if name == THICKNESS else "1.5 +/- 0.3"
             expected = f'a number, a text as "{example}", or "{UNKNOWN}"'
