@@ -337,7 +337,8 @@ def _upward(runner: CaseRunner, first: CaseOutcome, capillary_numbers: list[floa
         if outcome.status is Status.RAISED:
             continue
         if not outcome.done:
-            limit = _limit(outcome, last)
+            # where the branch of the last one ended, as far as it is known
+            limit = float(np.fmax(outcome.variables.get("limit", np.nan), last.capillary_number))
             # of a capsule whose branch has ended: the state it reaches from rest, or a parachute
             tried: tuple[Start, ...] = () if _is_deep(last) else ("rest", "parachute")
             beyond = _first_done(runner.run(ca, start) for start in tried)
@@ -400,12 +401,6 @@ def _has_snapped(last: CaseOutcome, outcome: CaseOutcome) -> bool:
 def _is_deep(outcome: CaseOutcome) -> bool:
     """Return whether the rear is so concave that the capsule does not snap through any more."""
     return bool(outcome.variables["parachute_depth"] > SHALLOW * outcome.size_ratio)
-
-
-def _limit(outcome: CaseOutcome, last: CaseOutcome) -> float:
-    """Return the Ca at which the branch of `last` ended on the way to a case, as far as it is known."""
-    limit = float(outcome.variables.get("limit", np.nan))
-    return limit if limit > last.capillary_number else last.capillary_number
 
 
 def _approach(runner: CaseRunner, last: CaseOutcome, limit: float) -> None:
