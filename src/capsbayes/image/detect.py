@@ -71,7 +71,7 @@ class Detection:
     offset: float = 0.0  # [px]: that of all edges, alike all around, from all causes
     line: float = 0.0  # [px]: half the breadth of a membrane that is seen as a line or a thin shell, 0 where it is not
     inwards: float = 0.0  # [px]: how far the edge is taken within the outer side of this line, in the mean
-    fringe: float = 0.0  # light of a narrow fringe outside the edge over the darkness at it; 0 if the offset is stated
+    fringe: float = 0.0  # light of a bright fringe outside the edge over the darkness at it; 0 if the offset is stated
     factors: Floats = field(default_factory=lambda: np.ones(2))  # L_z and L_a over those seen by the camera : (2,)
     further: Floats = field(default_factory=lambda: np.zeros((2, 2)))  # [px^2]: errors by the camera and if askew
     silhouette: MeasuredOutline | None = None  # over l, without the faults of the camera
@@ -244,12 +244,13 @@ def analyse_blob(
 # The error that all edges share, by their width, the dark ring and the bright fringe outside them. Width and ring were
 # set on drawn pictures with rings of wavelengths from 4 to 7 px in halos of up to a quarter of the light; where these
 # are blurred, none is seen. The fringe was set on pictures as a microscope makes them: light that is bent at the edge
-# is bright next to it, and moves it. A halo that falls off smoothly, as of scattered light, moves nothing
+# is bright next to it, and moves it, if the fringe is as narrow as the edge. Drawn halos, which fall off more slowly,
+# moved it by 0.4 of the width times their light at most
 
 _OF_WIDTH = 0.056  # 1/px: of the square of the edge's width
 _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
-_OF_FRINGE = 10.0  # of the edge's width, and of the light of the fringe over that darkness
-_HALO = 2.0  # largest factor by which a halo falls over 2.5 widths of the edge
+_OF_FRINGE, _OF_HALO = 10.0, 1.0  # of the edge's width, and of the light of fringe or halo over that darkness
+_FALL = 4.0  # largest factor by which a halo falls over 2.5 widths of the edge
 _RING = 2.5, 9, 11  # of the edge's width, from which it is sought; px, up to which, and up to which the light is level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
@@ -292,7 +293,7 @@ class _Edge:
     full: float  # light of most of the channel
     darkest: float  # darkness at the edge, beyond that outside
     diffraction: float  # [px]: error of all edges that ring and fringe outside tell
-    fringe: float  # light of the narrow fringe outside over the darkness at the edge
+    fringe: float  # light of the bright fringe outside over the darkness at the edge
 
     @classmethod
     def of(cls, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Edge | None:
@@ -309,11 +310,12 @@ class _Edge:
         outside = (profile[_INSIDE:] - level) / darkest  # a pixel apart, from the edge on
         ring = max(-float(outside[first * width <= along[_INSIDE:]].min()), 0.0)
         peak = int(np.argmax(outside[: beyond + 1]))
-        of_halo = max(float(np.interp(peak + first * width, along[_INSIDE:], outside)), 0.0)
-        fringe = max(float(outside[peak]) - _HALO * of_halo, 0.0)
+        fringe = max(float(outside[peak]), 0.0)
+        halo = max(float(np.interp(peak + first * width, along[_INSIDE:], outside)), 0.0)
+        of_fringe = width * math.hypot(_OF_FRINGE * max(fringe - _FALL * halo, 0.0), _OF_HALO * fringe)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
-        return cls(kept, level, full, darkest, math.hypot(_OF_RING * ring, _OF_FRINGE * width * fringe), fringe)
+        return cls(kept, level, full, darkest, math.hypot(_OF_RING * ring, of_fringe), fringe)
 
     @property
     def dark_outside(self) -> float:
