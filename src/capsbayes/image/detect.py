@@ -42,7 +42,7 @@ _LOPSIDED = 0.08  # of the breadth: real beads and cells stay below 0.04
 _ENDS = 0.17  # of the length, omitted at either end
 _FACING, _BESIDE = 0.8, 0.6  # cosines of a normal's angle to the channel: least at the ends, largest at the flanks
 _FOUND = 0.5  # of an end: part along which the edge must be located
-_MAY_BE_COMBED = (Status.DONE, Status.DOUBLET, Status.TOO_CLOSE)
+_MAY_BE_COMBED = (Status.DONE, Status.DOUBLET, Status.TOO_CLOSE, Status.NO_EDGE)
 _FEWEST_ROWS = 8
 _COMB = 0.2  # of the darkness of a blob: a shift by half a pixel; in pictures of one moment rows differ by up to 0.06
 _CHANCE = 10.0  # standard deviations of the noise over the root of the rows: in one of a hundred columns it makes 6
@@ -213,14 +213,14 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    inwards, half_breadth, fringe = np.zeros(len(outline.points)), 0.0, 0.0
+    inwards, half_breadth, fringe, is_shell = np.zeros(len(outline.points)), 0.0, 0.0, False
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
         beyond, fringe = np.hypot(beyond, edge.diffraction), edge.fringe
         if (line := edge.line(light, outline, walls)) is not None:
-            half_breadth = line.half_breadth
-            beyond = np.hypot(beyond, _IN_LINE * half_breadth)
+            half_breadth, is_shell = line.half_breadth, True
+            beyond = np.hypot(beyond, line.error)
             inwards = line.middle * (_HALFWAY if line.is_shell and edge_offset is None else 1.0)
     offset, outwards = np.hypot(shift, beyond), 0.0
     if edge_offset is not None:  # of a line it is stated from the middle
@@ -238,7 +238,7 @@ def analyse_blob(
         inwards=float(np.mean(inwards)),
         fringe=fringe,
     )
-    return _with_ends(light, noise, found)
+    return _with_ends(light, noise, found, is_shell=is_shell)
 
 
 # The error that all edges share, by their width, the dark ring and the bright fringe outside them. Width and ring were
@@ -251,7 +251,7 @@ _OF_WIDTH = 0.056  # 1/px: of the square of the edge's width
 _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
 _OF_FRINGE, _OF_HALO = 10.0, 1.0  # of the edge's width, and of the light of fringe or halo over that darkness
 _FALL = 4.0  # largest factor by which a halo falls over 2.5 widths of the edge
-_RING = 2.5, 9, 11  # of the edge's width, from which it is sought; px, up to which, and up to which the light is level
+_RING = 2.5, 5.0, 9, 3  # of the edge's width, from and up to which it is sought; px, to which at least; beyond, level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
 _EVERY, _MOST = 3, 0.75  # rows and columns of the channel, and the quantile of its light
@@ -261,15 +261,16 @@ _OUTSIDE = 0.15  # of the darkness at an edge: of drawn capsules up to 0.015 are
 # A membrane that is seen as a line: both flanks are steep, and what is darker inside begins at its middle. The membrane
 # may lie anywhere in a dark line. A band with a steep flank outside alone is that of a membrane at its outer end. What
 # is between, as a thin shell that is darkest along its tangents, has its edge between. Where the inside is dark, a
-# narrow band cannot be told from such a shell: its edge stays, with the depth of its middle in the error
+# narrow band cannot be told from such a shell, nor one that is lost in it: the edge stays, with a wider error
 
 _IN_LINE = 0.5  # of half its breadth: standard error of the place of the membrane
+_IN_SHELL = 0.4  # of the edge's width: that of what may be a shell; of drawn shells the edge is found 0.5 too far out
 _LARGE = 25.0  # px: least half height, as a small sphere is a lens, whose middle is bright
 _EVEN = 0.87  # least slope of its inner flank over that of the outer: of drawn lines 0.9 and more, of bands up to 0.7
 _UNEVEN, _PALE, _SEEN = 0.6, 0.45, 1.1  # of a thin shell: least such slope, most darkness inside, and width in px
 _HALFWAY = 0.45  # of the depth of its middle: the edge of a thin shell
 _MAYBE = 0.68  # least such slope where it may be a shell; of drawn bands up to 0.57
-_OF_REAR = 0.9  # of the blur: error of the rear of such a membrane, whose dark band ends at it as that of an edge does
+_BEHIND_SHELL = 0.9  # of the blur: error of the rear of line or shell, whose dark band may end at it
 _FAINT = 0.2  # of its darkness: at its inner end, and the least beyond that of the inside
 _DEEP, _BREADTH = 12, 0.3  # px, and of the half height: depths that are looked at
 _ALIKE = 9  # points over which the line is averaged
@@ -279,8 +280,9 @@ _FINE = 300  # depths between which its breadth is read
 class _MembraneLine(NamedTuple):
     """Line as which a membrane is seen."""
 
-    middle: Floats  # (n,) [px]: depth of its middle at each point of the outline; 0 where it is only perhaps a shell
-    half_breadth: float  # [px]: where it is half as dark; the depth of its middle where it is only perhaps a shell
+    error: float  # [px]: of the place of the membrane
+    middle: Floats  # (n,) [px]: depth of its middle at each point of the outline; 0 where the edge stays
+    half_breadth: float = 0.0  # [px]: where it is half as dark; 0 where it is not seen as a line
     is_shell: bool = False  # whether its inner flank is less steep, as of a thin shell
 
 
@@ -298,12 +300,14 @@ class _Edge:
     @classmethod
     def of(cls, light: Floats, outline: EdgeOutline, walls: WallLines) -> _Edge | None:
         """Return what is seen along the normals of an outline; None where too few are free."""
-        first, beyond, last = _RING
-        clear = walls.clearance(outline.points) > last + _CLEAR_OF_WALL * walls.line_width
+        first, last, least, level_over = _RING
+        width = median(outline.edge_width)
+        beyond = max(least, math.ceil(last * width))
+        along = np.arange(-_INSIDE, beyond + level_over)
+        clear = walls.clearance(outline.points) > along[-1] + _CLEAR_OF_WALL * walls.line_width
         kept = clear & outline.located
         if np.count_nonzero(kept) < _FEWEST_NORMALS:
             return None
-        along, width = np.arange(-_INSIDE, last + 1), median(outline.edge_width)
         profile = _across(light, outline, along)[kept].mean(axis=0)
         level = float(profile[along >= beyond].mean())
         darkest = max(level - float(profile.min()), 1e-6)
@@ -311,7 +315,8 @@ class _Edge:
         ring = max(-float(outside[first * width <= along[_INSIDE:]].min()), 0.0)
         peak = int(np.argmax(outside[: beyond + 1]))
         fringe = max(float(outside[peak]), 0.0)
-        halo = max(float(np.interp(peak + first * width, along[_INSIDE:], outside)), 0.0)
+        further = peak + width * np.linspace(first - 0.5, first + 0.5, 5)  # over some pixels, where the edge is wide
+        halo = max(float(np.interp(further, along[_INSIDE:], outside).mean()), 0.0)
         of_fringe = width * math.hypot(_OF_FRINGE * max(fringe - _FALL * halo, 0.0), _OF_HALO * fringe)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
@@ -333,7 +338,9 @@ class _Edge:
         inside = max(float(dark[top:].min()), 0.0)
         end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
         within, width = depth[: end + 1], median(outline.edge_width)
-        own, middle = _line_and_middle(dark[None, : end + 1], within, inside, width)
+        if top == 0 or dark[top] < 1e-6:
+            return None
+        own, _ = _line_and_middle(dark[None, : end + 1], within, inside, width)
         slope = np.gradient(own[0])
         outer, inner = slope[: top + 1].max(), -slope[top:].min()
         is_seen, is_sharp = dark[top] - inside >= _FAINT * dark[top], width <= _SEEN
@@ -341,13 +348,14 @@ class _Edge:
         is_shell = is_seen and is_sharp and inner >= _UNEVEN * outer and inside <= _PALE * dark[top]
         if not (is_line or is_shell):
             may_be_shell = is_sharp and (not is_seen or inner >= _MAYBE * outer)
-            return _MembraneLine(np.zeros(len(self.kept)), max(float(middle[0]), 0.0)) if may_be_shell else None
+            return _MembraneLine(_IN_SHELL * width, np.zeros(len(self.kept))) if may_be_shell else None
         fine = np.linspace(within[0], within[-1], _FINE)
         above = np.interp(fine, within, own[0]) > 0.5 * own[0].max()
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
         _, middle = _line_and_middle(line, within, inside, width)
         middle = np.where(self.kept, middle, median(middle[self.kept]))
-        return _MembraneLine(middle, 0.5 * float(np.mean(above) * np.ptp(within)), not is_line)
+        half_breadth = 0.5 * float(np.mean(above) * np.ptp(within))
+        return _MembraneLine(_IN_LINE * half_breadth, middle, half_breadth, not is_line)
 
     def _usual(self, light: Floats, outline: EdgeOutline, depth: Integers) -> Floats:
         """Return the median light at depths : (m,) array."""
@@ -474,8 +482,9 @@ def _bears_dirt(detection: Detection) -> bool:
     return False
 
 
-def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
+def _with_ends(light: Floats, noise: float, detection: Detection, *, is_shell: bool) -> Detection:
     """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
+    # the rear of what may be a shell has a wider error
     walls, outline = detection.located()
     downstream = (detection.flow or 1) * walls.along
     nose = furthest_point(outline, downstream, _NOSE_MISFIT)
@@ -494,4 +503,4 @@ def _with_ends(light: Floats, noise: float, detection: Detection) -> Detection:
     flank = np.abs(outline.normals @ walls.across) > 0.8
     blur = median(outline.edge_width[flank] if flank.any() else outline.edge_width)
     rear = find_rear(light, start, downstream, length, half_height, blur, noise)
-    return replace(detection, rear=rear and rear.uncertain_by(_OF_REAR * blur if detection.line > 0.0 else 0.0))
+    return replace(detection, rear=rear and rear.uncertain_by(_BEHIND_SHELL * blur) if is_shell else rear)

@@ -397,14 +397,14 @@ class RearBand:
     depth_error: float  # [px]
     systematic: float  # [px^2]: the part of the error's square that is the same in all pictures of a capsule
     width: float  # [px]: standard deviation of the band
-    within: float  # [px]: the part of the error that is the place of the membrane within a wide band; 0 in a narrow one
+    within: float  # [px]: the part of the error that is the place of the membrane in a wide band or of a shell; else 0
     curvature: float  # [1/px]: second derivative of the depth across the axis
     breadth: float  # [px]: distance from the axis up to which it was followed
 
     def uncertain_by(self, further: float) -> RearBand:
-        """Return the same with a further error that is the same in all pictures of a capsule [px]."""
-        error, systematic = math.hypot(self.depth_error, further), self.systematic + further**2
-        return replace(self, depth_error=error, systematic=systematic)
+        """Return the same with a further error [px] of the place of the membrane in the band."""
+        error, within = (math.hypot(known, further) for known in (self.depth_error, self.within))
+        return replace(self, depth_error=error, systematic=self.systematic + further**2, within=within)
 
 
 def find_rear(

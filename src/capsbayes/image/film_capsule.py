@@ -229,7 +229,7 @@ class AlignedOutlines:
         variance, neighbours = (
             float(np.mean(means * np.roll(means, shift, axis=1))) * count / freedom for shift in (0, 1)
         )
-        stated, misfit, lasting, rear, alike = np.mean(
+        stated, misfit, lasting, rear, alike = np.median(  # a fringe may be misjudged in one of the frames
             [(each.arc**2, each.misfit, each.offset, each.rear, each.alike) for each in self.errors], axis=0
         )
         arc = max(neighbours * np.exp(around / means.shape[1] / alike), stated)
