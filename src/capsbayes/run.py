@@ -571,8 +571,7 @@ def remembered(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def step_of(kind: type[T], key: tuple[Any, ...], compute: Callable[..., T], *shared: Any) -> T:
-    """Compute a step from what it shares, or find its result of this type by a key while `steps_kept`."""
-    # The content of the key decides the result.
+    """Compute a step from what it shares, or find it by a key, whose content decides it, while `steps_kept`."""
     store = _current.get()
     if store is None:
         return compute(*shared)

@@ -249,8 +249,9 @@ def analyse_blob(
 
 _OF_WIDTH = 0.056  # 1/px: of the square of the edge's width
 _OF_RING = 3.2  # px: of the depth of the ring over the darkness inside the edge
-_OF_FRINGE, _OF_HALO = 10.0, 1.0  # of the edge's width, and of the light of fringe or halo over that darkness
-_FALL = 4.0  # largest factor by which a halo falls over 2.5 widths of the edge
+_OF_FRINGE = 10.0  # of the edge's width, and of the light of a fringe as narrow, over that darkness
+_OF_HALO = 1.0  # of the same, of a halo that falls off more slowly; what is between counts in part
+_SLOWLY = 4.0  # factor by which a halo falls at most over 2.5 widths of the edge
 _RING = 2.5, 5.0, 9, 3  # of the edge's width, from and up to which it is sought; px, to which at least; beyond, level
 _INSIDE = 3  # px: depth at which the edge's darkness is full
 _FEWEST_NORMALS = 20
@@ -294,7 +295,7 @@ class _Edge:
     level: float  # light outside
     full: float  # light of most of the channel
     darkest: float  # darkness at the edge, beyond that outside
-    diffraction: float  # [px]: error of all edges that ring and fringe outside tell
+    diffraction: float  # [px]: error of all edges, by the ring and the fringe outside
     fringe: float  # light of the bright fringe outside over the darkness at the edge
 
     @classmethod
@@ -317,7 +318,7 @@ class _Edge:
         fringe = max(float(outside[peak]), 0.0)
         further = peak + width * np.linspace(first - 0.5, first + 0.5, 5)  # over some pixels, where the edge is wide
         halo = max(float(np.interp(further, along[_INSIDE:], outside).mean()), 0.0)
-        of_fringe = width * math.hypot(_OF_FRINGE * max(fringe - _FALL * halo, 0.0), _OF_HALO * fringe)
+        of_fringe = width * math.hypot(_OF_FRINGE * max(fringe - _SLOWLY * halo, 0.0), _OF_HALO * fringe)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
         return cls(kept, level, full, darkest, math.hypot(_OF_RING * ring, of_fringe), fringe)
