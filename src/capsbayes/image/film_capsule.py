@@ -201,10 +201,12 @@ class AlignedOutlines:
 
     def sharpest(self) -> AlignedOutlines:
         """Return the frames whose mean has the smallest error."""
-        # all frames unless some are less sharp: the mean would keep their larger misfit
-        lasting, passing = np.array(
-            [(each.misfit**2 + each.offset**2, each.scatter**2 + each.arc**2) for each in self.errors]
+        # all frames unless some are less sharp: the mean would keep their larger misfit; the offset grows with the width of
+        # the edge as the misfit does, but its part by the fringe may be misjudged in some
+        misfit, offset, passing = np.array(
+            [(each.misfit**2, each.offset**2, each.scatter**2 + each.arc**2) for each in self.errors]
         ).T
+        lasting = misfit * (1.0 + np.median(offset / misfit))
         order = np.argsort(lasting, kind="stable")
         count = np.arange(1, len(self) + 1)
         variance = np.cumsum(lasting[order]) / count + np.cumsum(passing[order]) / count**2

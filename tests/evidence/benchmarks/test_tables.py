@@ -142,10 +142,12 @@ def test_the_change_to_the_finest_mesh_is_that_of_the_page():
 
 
 def test_a_film_is_hardly_wider_than_its_best_frame():
-    """By chance only, where both have little but the misfit that all frames share."""
+    """By chance only: in blurred films the frames judge one fringe differently, and the best of six is the boldest."""
     films = [one for one in stored(film_silhouettes).values() if one.get("film")]
+    usual = [one["film"][1] / np.median([each[1] for each in one["frames"] if each]) for one in films]
+    assert max(usual) < 1.1  # 1.06
     assert np.median(film_silhouettes.ratios(films)) < 0.9
-    assert max(film_silhouettes.ratios(films)) < 1.2  # 1.16, of a film blurred by 2 px
+    assert max(film_silhouettes.ratios(films)) < 1.3  # 1.25, of a film blurred by 2 px
 
 
 def test_intervals_off_the_axis_hold_the_truth_with_the_error_of_place_alone():
