@@ -201,8 +201,8 @@ class AlignedOutlines:
 
     def sharpest(self) -> AlignedOutlines:
         """Return the frames whose mean has the smallest error."""
-        # all frames unless some are less sharp: the mean would keep their larger misfit. The offset grows with the width
-        # of the edge as the misfit does, but its part by the fringe may be misjudged in some
+        # all frames unless some are less sharp: the mean would keep their larger misfit. The offset grows with the
+        # width of the edge as the misfit does, but its part by the fringe may be misjudged in some
         misfit, offset, passing = np.array(
             [(each.misfit**2, each.offset**2, each.scatter**2 + each.arc**2) for each in self.errors]
         ).T
