@@ -213,15 +213,15 @@ def analyse_blob(
     if flow and of_shape == -flow:
         return Detection(Status.WRONG_FLOW, walls, outline, of_shape, blob=blob)
     beyond = _OF_WIDTH * float(np.mean(np.square(outline.edge_width[~outline.erased])))
-    inwards, half_breadth, fringe, is_shell = np.zeros(len(outline.points)), 0.0, 0.0, False
+    inwards, half_breadth, fringe, line = np.zeros(len(outline.points)), 0.0, 0.0, None
     if (edge := _Edge.of(light, outline, walls)) is not None:
         if edge.dark_outside > _OUTSIDE:
             return Detection(Status.OVERLAP, walls, outline, of_shape, blob=blob)
         beyond, fringe = np.hypot(beyond, edge.diffraction), edge.fringe
-        if (line := edge.line(light, outline, walls)) is not None:
-            half_breadth, is_shell = line.half_breadth, True
-            beyond = np.hypot(beyond, line.error)
-            inwards = line.middle * (_HALFWAY if line.is_shell and edge_offset is None else 1.0)
+        line = edge.line(light, outline, walls)
+    if line is not None:
+        half_breadth, beyond = line.half_breadth, np.hypot(beyond, line.error)
+        inwards = line.middle * (_HALFWAY if line.is_shell and edge_offset is None else 1.0)
     offset, outwards = np.hypot(shift, beyond), 0.0
     if edge_offset is not None:  # of a line it is stated from the middle
         fringe, offset, outwards = 0.0, edge_offset.sd, edge_offset.mean
@@ -238,7 +238,7 @@ def analyse_blob(
         inwards=float(np.mean(inwards)),
         fringe=fringe,
     )
-    return _with_ends(light, noise, found, is_shell=is_shell)
+    return _with_ends(light, noise, found, unsure=0.0 if line is None else _BEHIND_SHELL)
 
 
 # The error that all edges share, by their width, the dark ring and the bright fringe outside them. Width and ring were
@@ -292,6 +292,7 @@ class _Edge:
     """Usual light across an edge, where no wall is near."""
 
     kept: Booleans  # (n,): points of the outline
+    width: float  # [px]: of most of the edge
     level: float  # light outside
     full: float  # light of most of the channel
     darkest: float  # darkness at the edge, beyond that outside
@@ -304,24 +305,25 @@ class _Edge:
         first, last, least, level_over = _RING
         width = median(outline.edge_width)
         beyond = max(least, math.ceil(last * width))
-        along = np.arange(-_INSIDE, beyond + level_over)
-        clear = walls.clearance(outline.points) > along[-1] + _CLEAR_OF_WALL * walls.line_width
+        away = np.arange(beyond + level_over)  # px outwards
+        along = np.concatenate([np.arange(-_INSIDE, 0), away])
+        clear = walls.clearance(outline.points) > away[-1] + _CLEAR_OF_WALL * walls.line_width
         kept = clear & outline.located
         if np.count_nonzero(kept) < _FEWEST_NORMALS:
             return None
         profile = _across(light, outline, along)[kept].mean(axis=0)
         level = float(profile[along >= beyond].mean())
         darkest = max(level - float(profile.min()), 1e-6)
-        outside = (profile[_INSIDE:] - level) / darkest  # a pixel apart, from the edge on
-        ring = max(-float(outside[first * width <= along[_INSIDE:]].min()), 0.0)
+        outside = (profile[_INSIDE:] - level) / darkest
+        ring = max(-float(outside[away >= first * width].min()), 0.0)
         peak = int(np.argmax(outside[: beyond + 1]))
         fringe = max(float(outside[peak]), 0.0)
         further = peak + width * np.linspace(first - 0.5, first + 0.5, 5)  # over some pixels, where the edge is wide
-        halo = max(float(np.interp(further, along[_INSIDE:], outside).mean()), 0.0)
+        halo = max(float(np.interp(further, away, outside).mean()), 0.0)
         of_fringe = width * math.hypot(_OF_FRINGE * max(fringe - _SLOWLY * halo, 0.0), _OF_HALO * fringe)
         every = slice(None, None, _EVERY), slice(None, None, _EVERY)
         full = quantile(light[every][between_walls(walls, light.shape)[every]], _MOST)
-        return cls(kept, level, full, darkest, math.hypot(_OF_RING * ring, of_fringe), fringe)
+        return cls(kept, width, level, full, darkest, math.hypot(_OF_RING * ring, of_fringe), fringe)
 
     @property
     def dark_outside(self) -> float:
@@ -336,24 +338,24 @@ class _Edge:
         depth = np.arange(-_INSIDE, max(_DEEP, round(_BREADTH * half)) + 1)
         dark = self.level - self._usual(light, outline, depth)
         top = int(np.argmax(dark))
-        inside = max(float(dark[top:].min()), 0.0)
-        end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
-        within, width = depth[: end + 1], median(outline.edge_width)
         if top == 0 or dark[top] < 1e-6:
             return None
-        own, _ = _line_and_middle(dark[None, : end + 1], within, inside, width)
+        inside = max(float(dark[top:].min()), 0.0)
+        end = top + int(np.argmax(dark[top:] <= inside + _FAINT * (dark[top] - inside)))
+        within = depth[: end + 1]
+        own, _ = _line_and_middle(dark[None, : end + 1], within, inside, self.width)
         slope = np.gradient(own[0])
         outer, inner = slope[: top + 1].max(), -slope[top:].min()
-        is_seen, is_sharp = dark[top] - inside >= _FAINT * dark[top], width <= _SEEN
+        is_seen, is_sharp = dark[top] - inside >= _FAINT * dark[top], self.width <= _SEEN
         is_line = is_seen and inner >= _EVEN * outer
         is_shell = is_seen and is_sharp and inner >= _UNEVEN * outer and inside <= _PALE * dark[top]
         if not (is_line or is_shell):
             may_be_shell = is_sharp and (not is_seen or inner >= _MAYBE * outer)
-            return _MembraneLine(_IN_SHELL * width, np.zeros(len(self.kept))) if may_be_shell else None
+            return _MembraneLine(_IN_SHELL * self.width, np.zeros(len(self.kept))) if may_be_shell else None
         fine = np.linspace(within[0], within[-1], _FINE)
         above = np.interp(fine, within, own[0]) > 0.5 * own[0].max()
         line = self.level - uniform_filter1d(_across(light, outline, -within), _ALIKE, axis=0, mode="wrap")
-        _, middle = _line_and_middle(line, within, inside, width)
+        _, middle = _line_and_middle(line, within, inside, self.width)
         middle = np.where(self.kept, middle, median(middle[self.kept]))
         half_breadth = 0.5 * float(np.mean(above) * np.ptp(within))
         return _MembraneLine(_IN_LINE * half_breadth, middle, half_breadth, not is_line)
@@ -483,9 +485,8 @@ def _bears_dirt(detection: Detection) -> bool:
     return False
 
 
-def _with_ends(light: Floats, noise: float, detection: Detection, *, is_shell: bool) -> Detection:
-    """Add the ends and the rear; without a direction of the flow, no concave rear is sought."""
-    # the rear of what may be a shell has a wider error
+def _with_ends(light: Floats, noise: float, detection: Detection, unsure: float) -> Detection:
+    """Add the ends and the rear, unsure by so many blurs; no concave rear is sought without a direction of the flow."""
     walls, outline = detection.located()
     downstream = (detection.flow or 1) * walls.along
     nose = furthest_point(outline, downstream, _NOSE_MISFIT)
@@ -503,5 +504,5 @@ def _with_ends(light: Floats, noise: float, detection: Detection, *, is_shell: b
     start = detection.axis - end.distance * downstream
     flank = np.abs(outline.normals @ walls.across) > 0.8
     blur = median(outline.edge_width[flank] if flank.any() else outline.edge_width)
-    rear = find_rear(light, start, downstream, length, half_height, blur, noise)
-    return replace(detection, rear=rear and rear.uncertain_by(_BEHIND_SHELL * blur) if is_shell else rear)
+    rear = find_rear(light, start, downstream, length, half_height, blur, noise, unsure * blur)
+    return replace(detection, rear=rear)

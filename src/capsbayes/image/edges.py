@@ -401,21 +401,23 @@ class RearBand:
     curvature: float  # [1/px]: second derivative of the depth across the axis
     breadth: float  # [px]: distance from the axis up to which it was followed
 
-    def uncertain_by(self, further: float) -> RearBand:
-        """Return the same with a further error [px] of the place of the membrane in the band."""
-        error, within = (math.hypot(known, further) for known in (self.depth_error, self.within))
-        return replace(self, depth_error=error, systematic=self.systematic + further**2, within=within)
-
 
 def find_rear(
-    light: Floats, end: Floats, inwards: Floats, length: float, half_height: float, blur: float, noise: float
+    light: Floats,
+    end: Floats,
+    inwards: Floats,
+    length: float,
+    half_height: float,
+    blur: float,
+    noise: float,
+    unsure: float = 0.0,
 ) -> RearBand | None:
-    """Find the dark band of a concave rear."""
+    """Find the dark band of a concave rear, in which the place of the membrane is unsure by so many px."""
     rays, y = _rays(light, end, inwards, _DEPTH * length, half_height)
     # the band of the outer edge may be darker; behind it, the far side of a particle is bent the other way
     for behind_rim, most in ((False, math.inf), (True, 0.0)):
         start = _coarse(rays, y, _CURVATURES / half_height, noise, behind_rim=behind_rim)
-        rear = None if start is None else _fine(rays, y, start, blur, noise)
+        rear = None if start is None else _fine(rays, y, start, blur, noise, unsure)
         if rear is not None and rear.curvature < most:
             return rear
     return None
@@ -499,7 +501,9 @@ def _deviation(profile: Floats, dip: int, half: float) -> float:
     return float(bright[bright > dip].min() - bright[bright < dip].max() - 1) / 2.355
 
 
-def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float, noise: float) -> RearBand | None:
+def _fine(
+    rays: Floats, y: Floats, start: tuple[int, float, float], blur: float, noise: float, unsure: float
+) -> RearBand | None:
     """Locate the band in strips along the axis, and fit a parabola to the places."""
     middle, curvature, deviation = start
     share, least, most = _BAND_REACH
@@ -542,7 +546,7 @@ def _fine(rays: Floats, y: Floats, start: tuple[int, float, float], blur: float,
         return None
     misfit = deviation * (_BAND_MISFIT + _OVERLAP * np.exp(-(depth / deviation - _CLEAR) / _FADING))
     of_band = float(np.sqrt(max(deviation**2 - blur**2 - _BAND_SMOOTHING**2, 0.0)))
-    within = of_band if of_band > _WIDE else 0.0
+    within = math.hypot(unsure, of_band if of_band > _WIDE else 0.0)
     systematic = float(misfit**2 + within**2)
     breadth = float(np.max(np.abs(across[fit.kept])))
     error = float(np.sqrt(variance + systematic))
